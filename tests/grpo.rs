@@ -275,6 +275,13 @@ fn a_skeleton_model_is_refined_by_what_is_about_joints() {
     });
     assert!(made[0] != made[1] && made[1] == made[2], "what was refined is what draws");
 
+    // What is too long to be trained on may be evaluated on.
+    let short = ["--set", "limits.joints=1"];
+    let said = refusal(&mut riglab(&[&["train", text(&skeletons)][..], &short].concat()));
+    assert!(said.contains("no asset of a corpus fits limits.joints = 1"), "{said}");
+    let other = dir.path().join("short.json");
+    must(&[&["eval", text(&start_run), "-o", text(&other), "--pictures", "0"][..], &short].concat());
+
     // Where it started may be moved, and is then named anew.
     let moved = dir.path().join("moved");
     fs::rename(&start_run, &moved).unwrap();

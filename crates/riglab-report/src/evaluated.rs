@@ -42,12 +42,22 @@ impl Checkpoints {
 /// best, and with no settings but the run's. One of a run whose checkpoints are gone, or that does not say its step, counts,
 /// as there is nothing to hold it against.
 pub fn speaks_for(run: &Path) -> bool {
-    let read = || serde_json::from_slice::<Evaluation>(&std::fs::read(run.join("eval.json")).ok()?).ok();
-    let Some(Evaluation { checkpoint, set }) = read() else { return false };
+    let Some(Evaluation { checkpoint, set }) = read(run) else { return false };
     let now = Checkpoints::of(run);
     let step = checkpoint.and_then(|of| of.step);
     let same = step.zip(now.best.or(now.last)).is_none_or(|(of, now)| of == now);
     same && set.is_empty()
+}
+
+/// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's: what it chose is what the
+/// run's own validation assets chose for that checkpoint.
+pub fn chose_for(run: &Path, step: u64) -> bool {
+    let of = |Evaluation { checkpoint, set }| set.is_empty() && checkpoint.and_then(|of: State| of.step) == Some(step);
+    read(run).is_some_and(of)
+}
+
+fn read(run: &Path) -> Option<Evaluation> {
+    serde_json::from_slice(&std::fs::read(run.join("eval.json")).ok()?).ok()
 }
 
 #[cfg(test)]
@@ -74,7 +84,8 @@ mod tests {
         assert!(evaluated(&of(8, "")) && !evaluated(&of(5, "")));
         checkpoint("best", 5);
         assert!(evaluated(&of(5, "")) && !evaluated(&of(8, "")));
-        assert!(!evaluated(&of(5, "\"set\": [\"eval.prefixes=[2]\"], ")));
+        assert!(chose_for(run, 8) && !chose_for(run, 5));
+        assert!(!evaluated(&of(5, "\"set\": [\"eval.prefixes=[2]\"], ")) && !chose_for(run, 5));
         assert_eq!(Checkpoints::of(run), Checkpoints { best: Some(5), last: Some(8) });
     }
 }

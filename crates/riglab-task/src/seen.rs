@@ -1,6 +1,9 @@
 //! Assets that are evaluated though a network was trained on them: their scores say nothing of new ones.
 
 use std::collections::HashSet;
+use std::path::Path;
+
+use riglab_train::named_by;
 
 use crate::assets::{AssetId, Assets, DataConfig};
 
@@ -38,20 +41,56 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
     Ok(found)
 }
 
-/// A sentence on such assets, for who trains or evaluates; `None` without any.
-pub fn warning(seen: &SeenAssets) -> Option<String> {
+/// The trainings of models that a model builds on, each with the key of its settings (a TOML text) that names the run: the
+/// model that rewards refine, the auto-encoder of skin tokens, the weights to begin with, and what these build on in turn. Of
+/// models in files, and of those that come with riglab, no corpora are known.
+pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
+    const KEYS: [(&str, &[&str]); 3] = [
+        ("start.model", &["start", "model"]),
+        ("skin.run", &["skin", "run"]),
+        ("train.start.from", &["train", "start", "from"]),
+    ];
+    let (mut found, mut known) = (Vec::new(), HashSet::new());
+    let mut open: Vec<(Option<&'static str>, String)> = vec![(None, settings.to_owned())];
+    while let Some((first, text)) = open.pop() {
+        let Ok(of) = text.parse::<toml::Table>() else { continue };
+        for (key, path) in KEYS {
+            let (last, tables) = path.split_last().expect("a key has a name");
+            let table = tables.iter().try_fold(&of, |table, name| table.get(*name)?.as_table());
+            let Some(named) = table.and_then(|table| table.get(*last)?.as_str()).filter(|named| !named.is_empty())
+            else {
+                continue;
+            };
+            let run = named_by(Path::new(named)).0;
+            let (Ok(whole), Ok(text)) = (run.canonicalize(), std::fs::read_to_string(run.join("config.toml"))) else {
+                continue;
+            };
+            if !known.insert(whole) {
+                continue;
+            }
+            let first = first.unwrap_or(key);
+            let data = text.parse::<toml::Table>().ok().and_then(|of| of.get("data")?.clone().try_into().ok());
+            found.extend(data.map(|data| (first, data)));
+            open.push((Some(first), text));
+        }
+    }
+    found
+}
+
+/// A sentence on such assets, for who trains or evaluates; `None` without any. `by` is the key that names the model that was
+/// trained on them, where it is one that this one builds on.
+pub fn warning(seen: &SeenAssets, by: Option<&str>) -> Option<String> {
     let (first, splits) = (seen.names.first()?, seen.splits.join(", "));
+    let too = by.map_or("trained on too".to_owned(), |key| format!("trained on by what {key} names"));
     Some(match seen.names.len() {
-        1 => format!("`{first}`, of {splits}, is trained on too: its scores say nothing of new assets"),
-        n => format!(
-            "{n} assets of {splits} are trained on too (`{first}`, ...): their scores say nothing of new assets"
-        ),
+        1 => format!("`{first}`, of {splits}, is {too}: its scores say nothing of new assets"),
+        n => format!("{n} assets of {splits} are {too} (`{first}`, ...): their scores say nothing of new assets"),
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use std::path::{Path, PathBuf};
+    use std::path::PathBuf;
 
     use riglab_core::{Asset, Joint, Provenance, Rig, Skeleton, SkinWeights};
     use riglab_data::CorpusWriter;
@@ -115,9 +154,37 @@ mod tests {
     }
 
     #[test]
+    fn models_that_a_model_builds_on_are_found_however_far_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let run = |name: &str, settings: &str| {
+            let run = dir.path().join(name);
+            std::fs::create_dir_all(&run).unwrap();
+            std::fs::write(run.join("config.toml"), settings).unwrap();
+            run.display().to_string()
+        };
+        let vae = run("vae", "[data]\ncorpora = ['v.h5']\n");
+        let rigs = run("rigs", &format!("[data]\ncorpora = ['r.h5']\n[skin]\nrun = '{vae}'\n"));
+        let own = format!("[start]\nmodel = '{rigs}/checkpoints/last'\n[skin]\nrun = 'shipped'\n");
+        let of = |settings: &str| -> Vec<(&str, String)> {
+            let all = built_on(settings).into_iter();
+            all.map(|(key, data)| (key, data.corpora[0].display().to_string())).collect()
+        };
+        assert_eq!(of(&own), [("start.model", "r.h5".to_owned()), ("start.model", "v.h5".to_owned())]);
+        assert_eq!(of(&format!("[train.start]\nfrom = '{vae}'\n")), [("train.start.from", "v.h5".to_owned())]);
+        // One that begins with itself comes to an end.
+        let turns = dir.path().join("turns").display().to_string();
+        run("turns", &format!("[data]\ncorpora = ['t.h5']\n[train.start]\nfrom = '{turns}'\n"));
+        assert_eq!(of(&format!("[train.start]\nfrom = '{turns}'\n")).len(), 1);
+        assert!(built_on("").is_empty());
+    }
+
+    #[test]
     fn a_warning_names_one_and_counts_them_all() {
         let names = |seen: &[&str]| seen.iter().map(|s| (*s).to_string()).collect();
-        let say = |seen: &[&str]| warning(&SeenAssets { names: names(seen), splits: vec!["val".into()] });
+        let of = |seen: &[&str]| SeenAssets { names: names(seen), splits: vec!["val".into()] };
+        let say = |seen: &[&str]| warning(&of(seen), None);
+        let by = warning(&of(&["a.glb"]), Some("skin.run")).unwrap();
+        assert!(by.starts_with("`a.glb`, of val, is trained on by what skin.run names"), "{by}");
         assert_eq!(say(&[]), None);
         assert!(say(&["a.glb"]).unwrap().starts_with("`a.glb`, of val, is trained on too"));
         assert!(say(&["a.glb", "b.glb"]).unwrap().starts_with("2 assets of val are trained on too (`a.glb`"));

@@ -144,18 +144,20 @@ pub(crate) fn drawable(
     Ok(())
 }
 
-/// Assets of the training splits that cannot be trained on.
-#[derive(Clone, Copy)]
+/// Assets of the training splits that cannot be trained on: none of what only has its mesh looked at.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct LeftOut {
     out: usize,
     all: usize,
+    /// Whether nothing is left of a corpus.
+    whole: bool,
 }
 
 impl LeftOut {
     /// Takes out of `training` what cannot fit, whatever is done to it; augmentation may still make others too long.
     ///
     /// # Errors
-    /// A sentence: when nothing of a corpus fits, or a column cannot be read.
+    /// A sentence: when a column cannot be read.
     pub fn take(
         assets: &Assets,
         data: &DataConfig,
@@ -174,18 +176,20 @@ impl LeftOut {
             all += own.into_iter().filter(|&id| data.trains_on(id)).count();
         }
         // Where there was nothing, nothing is trained on.
-        if training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none) {
-            let Limits { joints, tokens } = limits;
-            return Err(format!(
-                "no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"
-            ));
-        }
-        Ok(Self { out: all - training.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all })
+        let whole = training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none);
+        Ok(Self { out: all - training.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all, whole })
+    }
+
+    /// Why this cannot be trained on; evaluations need none of it.
+    pub fn untrainable(self, Limits { joints, tokens }: Limits) -> Option<String> {
+        self.whole.then(|| {
+            format!("no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them")
+        })
     }
 
     /// What someone who trains should know of it.
     pub fn notes(self, data: &DataConfig, limits: Limits) -> Vec<String> {
-        let Self { out, all } = self;
+        let Self { out, all, .. } = self;
         let note = format!(
             "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or \
              limits.joints = {}, or more tokens than limits.tokens = {}; those that only augmentation makes too long are counted in \
@@ -329,6 +333,9 @@ mod tests {
             let data = DataConfig { corpora: corpora.to_vec(), weights: weights.to_vec(), ..DataConfig::default() };
             let mut training = assets.training(&data).unwrap();
             let left = LeftOut::take(&assets, &data, Limits { joints: 2, tokens: 99 }, &mut training).unwrap();
+            let none = LeftOut::take(&assets, &data, Limits { joints: 0, tokens: 99 }, &mut training.clone()).unwrap();
+            assert!(left.untrainable(Limits { joints: 2, tokens: 99 }).is_none());
+            assert!(none.untrainable(Limits { joints: 0, tokens: 99 }).unwrap().contains("limits.joints = 0"));
             (left.out, left.all)
         };
         assert_eq!([of(&[]), of(&[1.0, 2.0]), of(&[1.0, 0.0])], [(2, 4), (2, 4), (1, 2)]);

@@ -231,7 +231,7 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
         );
     }
     let names: Vec<String> = saw["trained_on"].as_array().into_iter().flatten().map(word).collect();
-    let seen = warning(&SeenAssets { names, splits: vec!["the splits that were evaluated".into()] });
+    let seen = warning(&SeenAssets { names, splits: vec!["the splits that were evaluated".into()] }, None);
     let others = saw["other_models"].as_array().into_iter().flatten().map(|said| word(said) + ".");
     let warned: Vec<String> = seen.into_iter().chain(others).collect();
     // One of which no asset was looked at, as of bare meshes to train on, says nothing of the figures. Earlier versions did

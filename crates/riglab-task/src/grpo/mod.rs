@@ -96,7 +96,7 @@ impl GrpoTask {
     /// As [`Self::new`].
     pub fn with(config: GrpoTaskConfig, start: &Rigger, device: Device) -> Result<Self, String> {
         config.suits(&start.config().tokenizer)?;
-        let policy = TokenRigTask::with(policy_config(&config, start), start.shared_vae(), device)?;
+        let policy = TokenRigTask::on_meshes(policy_config(&config, start), start.shared_vae(), device)?;
         Self::of(config, Box::new(policy), start.params())
     }
 

@@ -12,7 +12,6 @@
 use riglab_core::{Bounds, Mesh, Rig, RigError, Similarity, Skeleton, Vec3};
 use riglab_geom::{SurfaceSampler, Yaw, mirror_plane, symmetric_yaw};
 use riglab_metric::{Joints, disagreement};
-use riglab_nn::generate::GenerateConfig;
 use riglab_nn::params::Weights;
 use riglab_random::stream;
 

@@ -81,13 +81,24 @@ impl TokenRigTask {
         Ok(task)
     }
 
-    /// As [`Self::new`], with an auto-encoder; meshes may be bare, for who has them rewarded.
+    /// As [`Self::new`], with an auto-encoder.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub fn with(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
-        let (assets, mut train_assets, validation_assets) = Assets::of(&config.data)?;
-        let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
+        let mut task = Self::on_meshes(config, vae, device)?;
+        let c = &task.rigger.config;
+        task.left_out = LeftOut::take(&task.assets, &c.data, c.limits, &mut task.train_assets)?;
+        Ok(task)
+    }
+
+    /// As [`Self::with`]; meshes may be bare, and of rigs longer than any limit, for who has them rewarded.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn on_meshes(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
+        let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
+        let left_out = LeftOut::default();
         let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
         let rigger = Rigger::new(config, vae, device)?;
         Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets, left_out })
@@ -170,6 +181,10 @@ impl Experiment for TokenRigTask {
     fn notes(&self) -> Vec<String> {
         let c = &self.rigger.config;
         self.left_out.notes(&c.data, c.limits)
+    }
+
+    fn untrainable(&self) -> Option<String> {
+        self.left_out.untrainable(self.rigger.config.limits)
     }
 
     fn companions(&self) -> Vec<(String, String)> {

@@ -55,18 +55,20 @@ impl SkeletonTask {
     /// # Errors
     /// A sentence: a corpus that cannot be read, a split without assets, or one of bare meshes.
     pub fn new(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
-        let task = Self::on_meshes(config, device)?;
+        let mut task = Self::on_meshes(config, device)?;
         task.assets.rigged(&task.config.data)?;
+        let c = &task.config;
+        task.left_out = LeftOut::take(&task.assets, &c.data, c.limits, &mut task.train_assets)?;
         Ok(task)
     }
 
-    /// As [`Self::new`]; meshes may be bare, for who has them rewarded.
+    /// As [`Self::new`]; meshes may be bare, and of rigs longer than any limit, for who has them rewarded.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub(crate) fn on_meshes(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
-        let (assets, mut train_assets, validation_assets) = Assets::of(&config.data)?;
-        let left_out = LeftOut::take(&assets, &config.data, config.limits, &mut train_assets)?;
+        let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
+        let left_out = LeftOut::default();
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::new(config.data.cache_mb));
@@ -177,6 +179,10 @@ impl Experiment for SkeletonTask {
 
     fn notes(&self) -> Vec<String> {
         self.left_out.notes(&self.config.data, self.config.limits)
+    }
+
+    fn untrainable(&self) -> Option<String> {
+        self.left_out.untrainable(self.config.limits)
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

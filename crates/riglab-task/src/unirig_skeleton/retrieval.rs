@@ -155,6 +155,7 @@ fn cloud(rig: &Rig, points: usize, seed: u64, key: u64) -> Vec<Vec3> {
 mod tests {
     use riglab_core::{Asset, Joint, Provenance, Skeleton, SkinWeights};
     use riglab_data::CorpusWriter;
+    use riglab_random::Draw;
 
     use super::*;
     use crate::tokenrig::testing::tetrahedron;

@@ -6,6 +6,7 @@ use riglab_core::{DecodeRule, Rig, SkinWeights, Springs, Swing};
 use riglab_nn::params::Params;
 use riglab_nn::skin_stage::SkinModel;
 use riglab_random::stream;
+use riglab_report::chose_for;
 use riglab_train::{Checkpoint, State, named_by};
 use tch::Device;
 
@@ -71,9 +72,10 @@ impl Skinner {
         let own = Self::blank(&Settings::of_run(run)?, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
-        let evaluated = std::fs::read_to_string(run.join("eval.json")).ok();
-        let evaluated = evaluated.and_then(|text| serde_json::from_str::<Evaluation>(&text).ok());
-        let cut = evaluated.map(|e| e.report.cut).or(own.cut);
+        let evaluated = || serde_json::from_slice::<Evaluation>(&std::fs::read(run.join("eval.json")).ok()?).ok();
+        // One of another checkpoint, or with other settings, says nothing of this one.
+        let of_this = chose_for(run, checkpoint.state().step);
+        let cut = if of_this { evaluated().map(|e| e.report.cut) } else { None }.or(own.cut);
         Ok((Self { cut, ..own }, checkpoint.state().clone()))
     }
 

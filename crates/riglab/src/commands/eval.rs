@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
-use riglab_config::{Config, Difference};
+use riglab_config::{Config, Difference, Loader};
 use riglab_files::{Unfinished, make_folder_of};
+use riglab_report::chose_for;
 use riglab_report::shell::command;
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::{SeenAssets, seen, warning};
+use riglab_task::seen::{built_on, seen, warning};
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by, other_companions, same_companions};
 
 use super::device::DeviceArgs;
@@ -76,7 +77,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let device = args.device.device()?;
     let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
     let sets = with_their_weights(&args.sets);
-    let config = read(&with_its_cut(&run, sets, &read)?)?;
+    let name = args.checkpoint.as_ref().unwrap_or(&named);
+    let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
+    let config = read(&with_its_cut((&run, &checkpoint), sets, &read)?)?;
     trained_so(&read(&[])?, &config)?;
     let config = config.of_run(&run);
     ensure!(
@@ -90,8 +93,6 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             vec!["eval".into(), shown(&args.run), "--set".into(), format!("data.corpora={list:?}")]
         })?;
     }
-    let name = args.checkpoint.as_ref().unwrap_or(&named);
-    let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
     // There is such a run.
     try_writing(&path)?;
     if own.data().corpora.is_empty() {
@@ -101,17 +102,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             run.join("card.md").display()
         );
     }
-    let seen = match seen(config.data(), &config.data().test, own.data()) {
-        Ok(seen) => seen,
-        // Its corpora may be gone or moved: no fault of an evaluation on others.
-        Err(e) => {
-            tell!("note: whether these assets were trained on is not known: {e}");
-            SeenAssets::default()
-        }
-    };
-    if let Some(warning) = warning(&seen) {
-        tell!("warning: {warning}");
-    }
+    let seen = trained_on(config.data(), &own)?;
     let data = config.data();
     if let Some(split) = data.test.iter().find(|split| data.train.contains(split)) {
         tell!(
@@ -120,7 +111,31 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         );
     }
     let data = config.data().clone();
-    config.with(device, Examination { args, run, checkpoint, data, seen: seen.names, path, folder })
+    config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
+}
+
+/// The names of the assets to evaluate that the model was trained on, or one that it builds on; tells of them.
+fn trained_on(data: &DataConfig, own: &TaskConfig) -> Result<Vec<String>> {
+    let mut all: Vec<String> = Vec::new();
+    let trainings = std::iter::once((None, own.data().clone()));
+    let before = built_on(&own.to_toml()?).into_iter().map(|(key, data)| (Some(key), data));
+    for (by, trained) in trainings.chain(before) {
+        match seen(data, &data.test, &trained) {
+            Ok(seen) => {
+                if let Some(warning) = warning(&seen, by) {
+                    tell!("warning: {warning}");
+                }
+                let new = seen.names.into_iter().filter(|name| !all.contains(name)).collect::<Vec<_>>();
+                all.extend(new);
+            }
+            // Corpora may be gone or moved: no fault of an evaluation on others.
+            Err(e) => {
+                let by = by.map_or(String::new(), |key| format!(" by what {key} names"));
+                tell!("note: whether these assets were trained on{by} is not known: {e}");
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// Settings with those that follow: weights of the training's corpora say nothing of others.
@@ -132,10 +147,10 @@ fn with_their_weights(sets: &[String]) -> Vec<String> {
     all
 }
 
-/// Settings with the cut of the decode rule that the run's own evaluation chose, where these corpora have nothing to choose one
-/// by.
+/// Settings with the cut of the decode rule that the run's own evaluation chose for this checkpoint, where these corpora have
+/// nothing to choose one by.
 fn with_its_cut(
-    run: &Path,
+    (run, checkpoint): (&Path, &Checkpoint),
     mut sets: Vec<String>,
     read: &impl Fn(&[String]) -> Result<TaskConfig>,
 ) -> Result<Vec<String>> {
@@ -147,6 +162,7 @@ fn with_its_cut(
     let none = Assets::open(&config.data().corpora)
         .is_ok_and(|assets| assets.split(&config.data().validate).is_ok_and(|validation| validation.is_empty()));
     let own = || {
+        chose_for(run, checkpoint.state().step).then_some(())?;
         let text = fs::read_to_string(run.join("eval.json")).ok()?;
         serde_json::from_str::<serde_json::Value>(&text).ok()?["report"]["cut"].as_f64()
     };
@@ -173,14 +189,31 @@ fn replaced(path: &Path, corpora: &[(String, String, usize)]) -> Option<String> 
     (!same).then(|| format!("the evaluation on {} is replaced; --out FILE keeps both", names()))
 }
 
-/// Whether a setting of this key is given.
+/// Whether a setting of this key is given, by its path or in a table of several.
 fn sets_key(sets: &[String], key: &str) -> bool {
-    sets.iter().any(|set| set.split('=').next().is_some_and(|k| k.trim() == key))
+    sets.iter().any(|set| match Loader::new().parse("--set", "", &[set]) {
+        Ok(own) => own.leaves().iter().any(|leaf| leaf.path == key),
+        // One that takes a building block, say.
+        Err(_) => set.split('=').next().is_some_and(|k| k.trim() == key),
+    })
 }
 
 /// Settings by which a network was made or trained: other ones are another network, or mean nothing here.
-const OF_TRAINING: [&str; 11] =
-    ["task", "model", "train", "loss", "tokenizer", "objective", "guard", "augment", "recipe", "data.up", "skin.codes"];
+const OF_TRAINING: [&str; 13] = [
+    "task",
+    "model",
+    "train",
+    "loss",
+    "tokenizer",
+    "objective",
+    "guard",
+    "augment",
+    "recipe",
+    "data.up",
+    "skin.codes",
+    "skin.empty",
+    "sampling.told",
+];
 
 /// Refuses settings of an evaluation that are the training's.
 fn trained_so(own: &TaskConfig, config: &TaskConfig) -> Result<()> {
@@ -293,10 +326,14 @@ impl Visitor for Examination<'_> {
         let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
-        for (file, png) in &examined.pictures {
-            fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
-            write(&folder.join(file), png)?;
-        }
+        let draw = || -> Result<()> {
+            for (file, png) in &examined.pictures {
+                fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+                write(&folder.join(file), png)?;
+            }
+            Ok(())
+        };
+        let drawn = draw();
         if args.json {
             say!("{}", json.trim_end());
         } else {
@@ -310,6 +347,7 @@ impl Visitor for Examination<'_> {
                 }
             }
         }
+        drawn?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -361,6 +399,26 @@ mod tests {
                 .unwrap();
         let read: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert!(read["other_models"][0] == said && read["report"] == 1 && read["set"].is_null(), "{json}");
+    }
+
+    #[test]
+    fn settings_are_known_by_path_and_in_tables_and_those_of_training_stay() {
+        let sets = |text: &str| [text.to_owned()];
+        assert!(sets_key(&sets("data.corpora=['a.h5']"), "data.corpora"));
+        assert!(sets_key(&sets("data={corpora=['a.h5'], weights=[]}"), "data.corpora"));
+        assert!(!sets_key(&sets("data.corporas=1"), "data.corpora") && !sets_key(&sets("data={}"), "data.corpora"));
+        assert!(
+            sets_key(&sets("model={extends='model/tokenrig/tiny.toml'}"), "model"),
+            "what a block holds is not asked"
+        );
+        let read = |set: &[&str]| {
+            let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
+            TaskConfig::read(&presets::load("quickstart/tokenrig.toml", &set).unwrap()).unwrap()
+        };
+        for set in ["skin.empty=false", "skin.codes=3", "tokenizer.bins=64"] {
+            assert!(trained_so(&read(&[]), &read(&[set])).unwrap_err().to_string().contains(set), "{set}");
+        }
+        trained_so(&read(&[]), &read(&["eval.skins=1"])).unwrap();
     }
 
     #[test]

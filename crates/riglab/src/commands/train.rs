@@ -12,7 +12,7 @@ use riglab_data::SplitNames;
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::{seen, warning};
+use riglab_task::seen::{built_on, seen, warning};
 use riglab_task::start::{LoadedPart, take};
 use riglab_train::{
     Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, same_companions, sides, train,
@@ -221,10 +221,14 @@ fn unwarmed(train: &TrainConfig) -> Option<String> {
 }
 
 /// What to say of assets that are both trained on and looked at, in one corpus or in two.
-fn overlap(config: &TaskConfig) -> Result<Option<String>> {
+fn overlap(config: &TaskConfig) -> Result<Vec<String>> {
     let data = config.data();
     let splits: Vec<String> = std::iter::once(&data.validate).chain(&data.test).cloned().collect();
-    Ok(warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?))
+    let own = warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?, None);
+    // Corpora of earlier trainings may be gone, or moved.
+    let before = built_on(&config.to_toml()?).into_iter();
+    let before = before.filter_map(|(key, trained)| warning(&seen(data, &splits, &trained).ok()?, Some(key)));
+    Ok(own.into_iter().chain(before).collect())
 }
 
 /// Gives a network the weights that `train.start` names, if it does; what to say of it.
@@ -350,6 +354,9 @@ impl Visitor for Session<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
         task.assets().trainable(config.data()).map_err(|e| anyhow!(e))?;
+        if let Some(why) = task.untrainable() {
+            bail!(why);
+        }
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 use riglab_report::counted;
 use riglab_task::Experiment;
 use riglab_train::{Spinner, estimate, product_speed};
@@ -26,6 +26,9 @@ impl Visitor for DryRun<'_> {
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
         task.assets().trainable(self.config.data()).map_err(|e| anyhow!(e))?;
+        if let Some(why) = task.untrainable() {
+            bail!(why);
+        }
         known_tests(self.config.data(), task.assets())?;
         tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
