@@ -26,4 +26,5 @@ def serve(handlers):
 def peak_memory_mb():
     """The most memory this process has held, in MB."""
     with open("/proc/self/status") as f:
-        return next(int(line.split()[1]) / 1e3 for line in f if line.startswith("VmHWM:"))
+        # The kernel's "kB" are 1024 bytes, as on riglab's side.
+        return next(int(line.split()[1]) * 1.024 / 1e3 for line in f if line.startswith("VmHWM:"))

@@ -180,6 +180,21 @@ mod tests {
     }
 
     #[test]
+    fn both_sides_count_memory_in_the_same_unit() {
+        let script = "import serve; a = serve.peak_memory_mb(); f = open('/proc/self/status'); \
+                      print(a, next(int(l.split()[1]) for l in f if l.startswith('VmHWM:')) * 1024 / 1e6)";
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/python");
+        let mut python = Command::new("python3");
+        let python = python.args(["-B", "-c", script]).env("PYTHONPATH", folder);
+        let Ok(out) = python.output() else { return println!("skipped: no python3") };
+        let said = String::from_utf8_lossy(&out.stdout);
+        let numbers: Vec<f64> = said.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        let [theirs, wanted] = numbers[..] else { panic!("{said}{}", String::from_utf8_lossy(&out.stderr)) };
+        // It may have grown a little in between.
+        assert!((theirs / wanted - 1.0).abs() < 0.01, "{said}");
+    }
+
+    #[test]
     fn answers_and_errors_arrive() {
         let mut side = shell("read a; echo '{\"ok\": 7}'; read b; echo why >&2; echo '{\"error\": \"no\"}'");
         assert_eq!(side.ask::<u32>(&json!({"do": "x"})).unwrap(), 7);
