@@ -107,16 +107,11 @@ fn run(cli: &Cli) -> Result<ExitCode> {
     let (mut rows, mut failed): (Vec<Row>, Vec<&str>) = Default::default();
     for case in CASES.iter().filter(|case| cli.names.is_empty() || asked.contains(&case.name)) {
         eprintln!("{}: {}", case.name, case.about);
-        match (case.run)(&mut context) {
-            Ok(found) => rows.extend(found),
-            Err(e) => {
-                let text = format!("{e:#}");
-                eprintln!("error: {}: {text}", case.name);
-                failed.push(case.name);
-                // The first line is the sentence; what a side printed follows.
-                rows.push(Row::failed(case.name, text.lines().next().unwrap_or_default().into()));
-            }
+        let found = found(case.name, (case.run)(&mut context));
+        if found.iter().any(|row| row.failed) {
+            failed.push(case.name);
         }
+        rows.extend(found);
         // After every case: what was measured stays, whatever comes next.
         if let Some(path) = &cli.json {
             json::write(path, &rows)?;
@@ -127,4 +122,31 @@ fn run(cli: &Cli) -> Result<ExitCode> {
         bail!("{} of the cases failed: {}", failed.len(), failed.join(", "));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The rows of a case, each fault told in full and kept in its first line, which is the sentence: what a side printed
+/// follows.
+fn found(case: &str, ran: Result<Vec<Row>>) -> Vec<Row> {
+    let mut rows = ran.unwrap_or_else(|e| vec![Row::failed(case, format!("{e:#}"))]);
+    for row in rows.iter_mut().filter(|row| row.failed) {
+        eprintln!("error: {}: {}", row.name, row.note);
+        row.note = row.note.lines().next().unwrap_or_default().into();
+    }
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::anyhow;
+
+    use super::*;
+
+    #[test]
+    fn what_failed_is_told_from_what_was_skipped() {
+        let of = |ran| found("case", ran).iter().map(|row| (row.failed, row.note.clone())).collect::<Vec<_>>();
+        assert_eq!(of(Err(anyhow!("it died\n    why"))), [(true, "it died".to_owned())]);
+        let part =
+            vec![Row::alone("a", 1.0, "s"), Row::failed("b", "error: no mesh\nhint"), Row::skipped("c", "no rigs")];
+        assert_eq!(of(Ok(part)), [(false, String::new()), (true, "error: no mesh".into()), (false, "no rigs".into())]);
+    }
 }

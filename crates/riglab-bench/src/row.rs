@@ -20,6 +20,9 @@ pub struct Row {
     /// Why a value is missing, or what has to be known about it.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
+    /// Whether it should have been measured and could not be.
+    #[serde(skip)]
+    pub failed: bool,
 }
 
 /// Which of two values is better.
@@ -39,17 +42,23 @@ impl Row {
             Better::Lower => theirs / ours,
         };
         let (ours, theirs, ratio) = (Some(ours), Some(theirs), Some(ratio));
-        Self { name: name.into(), ours, theirs, unit, ratio, bar: None, note: String::new() }
+        Self { ours, theirs, unit, ratio, ..Self::skipped(name, "") }
     }
 
     /// Nothing usual does it: riglab's value stands alone.
     pub fn alone(name: impl Into<String>, ours: f64, unit: &'static str) -> Self {
-        Self { ours: Some(ours), unit, ..Self::failed(name, String::new()) }
+        Self { ours: Some(ours), unit, ..Self::skipped(name, "") }
     }
 
-    /// Nothing was measured, and why.
-    pub fn failed(name: impl Into<String>, note: String) -> Self {
-        Self { name: name.into(), ours: None, theirs: None, unit: "", ratio: None, bar: None, note }
+    /// Nothing was measured, as something is not there that has to be, and what.
+    pub fn skipped(name: impl Into<String>, note: impl Into<String>) -> Self {
+        let (name, note) = (name.into(), note.into());
+        Self { name, ours: None, theirs: None, unit: "", ratio: None, bar: None, note, failed: false }
+    }
+
+    /// Measuring came to an error.
+    pub fn failed(name: impl Into<String>, note: impl Into<String>) -> Self {
+        Self { failed: true, ..Self::skipped(name, note) }
     }
 
     /// With the ratio that is asked for.
@@ -131,7 +140,7 @@ mod tests {
         let rows = [
             Row::new("step", 20.0, 10.0, "ms", Better::Lower).bar(1.0),
             Row::new("import", 0.5, 100.0, "ms", Better::Lower).bar(20.0),
-            Row::failed("epoch", "no rigs".into()),
+            Row::skipped("epoch", "no rigs"),
         ];
         let text = table(&rows);
         let lines: Vec<&str> = text.lines().collect();

@@ -50,10 +50,10 @@ pub enum Codec {
 
 pub fn run(context: &mut Context, codec: Codec) -> Result<Vec<Row>> {
     let name = if codec == Codec::Draco { "decode/draco" } else { "decode/meshopt" };
-    let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::failed(name, recipe::NO_RIGS.into())]) };
+    let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped(name, recipe::NO_RIGS)]) };
     let chunks = chunks(&rigs, codec, &context.path(&name.replace('/', "-")))?;
     if chunks.is_empty() {
-        return Ok(vec![Row::failed(name, format!("skipped: no file in {} is compressed so", rigs.display()))]);
+        return Ok(vec![Row::skipped(name, format!("skipped: no file in {} is compressed so", rigs.display()))]);
     }
     let (mut ours, mut theirs) = (Side::ours("decode")?, node::start("Node", "decode.mjs")?);
     for side in [&mut ours, &mut theirs] {

@@ -61,7 +61,7 @@ struct Epoch {
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(NAME, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(NAME, recipe::NO_RIGS)]) };
     let weights = context.path("epoch.safetensors");
     let (mut ours, mut theirs) = (Side::ours("epoch")?, TORCH.start("epoch.py")?);
     let Opened { steps, precision } =

@@ -57,7 +57,7 @@ fn sampling(tokens: usize) -> GenerateConfig {
 
 pub fn run<S: Subject>(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
     let label = format!("generate/{}/b{rows}", S::NAME);
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
     let file = context.path(&format!("generate-{}-{rows}.safetensors", S::NAME));
     let (mut ours, mut theirs) = (Side::ours(S::SIDES[1])?, TRANSFORMERS.start(S::DRAWS)?);
     let open = json!({"do": "open", "file": file, "corpus": corpus, "rows": rows, "threads": context.threads});

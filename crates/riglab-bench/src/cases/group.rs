@@ -38,7 +38,7 @@ struct Drawn {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let (count, times) = GROUP;
     let label = format!("group{count}/tokenrig");
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
     let mut ours = Side::ours("group")?;
     let _: usize = ours.ask(&json!({"do": "open", "corpus": corpus, "threads": context.threads}))?;
     let (mut seed, mut tokens) = (0, [0usize; 2]);

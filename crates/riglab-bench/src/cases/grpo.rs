@@ -100,7 +100,7 @@ struct Told {
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(LABEL, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(LABEL, recipe::NO_RIGS)]) };
     let file = context.path("grpo.safetensors");
     let (mut ours, mut theirs) = (Side::ours("grpo")?, TRANSFORMERS.start("grpo.py")?);
     let a: Opened = ours.ask(&json!({"do": "open", "file": file, "corpus": corpus, "threads": context.threads}))?;

@@ -34,7 +34,7 @@ pub(super) struct Read {
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
-    let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::failed("import", recipe::NO_RIGS.into())]) };
+    let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped("import", recipe::NO_RIGS)]) };
     let every = rigged_files(&rigs)?;
     let files = if context.all { every.clone() } else { sample(&every, SAMPLE) };
     let (mut ours, mut theirs) = (Side::ours("import")?, BLENDER.start("import_gltf.py")?);

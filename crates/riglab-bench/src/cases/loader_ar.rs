@@ -38,7 +38,7 @@ struct Made {
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(NAME, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(NAME, recipe::NO_RIGS)]) };
     let workers = context.threads;
     let (mut ours, mut theirs) = (Side::ours("loader_ar")?, SAMPLES.start("loader_ar.py")?);
     let count: usize = ours.ask(&json!({"do": "load", "corpus": corpus, "workers": workers}))?;

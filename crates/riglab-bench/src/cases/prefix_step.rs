@@ -58,7 +58,7 @@ pub fn run<S: Subject>(context: &mut Context, kind: Kind) -> Result<Vec<Row>> {
         Kind::Even(precision) => (format!("step/{}/{}", S::NAME, name(precision)), precision),
         Kind::Mixed => (format!("packed/{}", S::NAME), recipe::skeleton_precision()?.resolved()),
     };
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed(label, recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
     let file = context.path(&format!("{}.safetensors", label.replace('/', "-")));
     let mut ours = Side::ours(S::SIDES[0])?;
     let open = json!({"do": "open", "file": file, "corpus": corpus, "precision": precision, "kind": kind,

@@ -36,7 +36,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     ensure!(positions == VERTICES, "a mesh of {positions} vertices");
     let mut rows = vec![measure(context, &program, &mesh, None)?];
     match context.corpus()? {
-        None => rows.push(Row::failed(format!("{NAME}/longest"), recipe::NO_RIGS.into())),
+        None => rows.push(Row::skipped(format!("{NAME}/longest"), recipe::NO_RIGS)),
         Some(corpus) => {
             let model = context.path("starting.safetensors");
             write_model(&model, &corpus)?;
@@ -67,7 +67,7 @@ fn measure(context: &Context, program: &Path, mesh: &Path, model: Option<&Path>)
         seconds.push(start.elapsed().as_secs_f64());
         if !done.status.success() {
             let name = model.map_or(NAME.to_string(), |_| format!("{NAME}/longest"));
-            return Ok(Row::failed(name, String::from_utf8_lossy(&done.stderr).trim().to_string()));
+            return Ok(Row::failed(name, String::from_utf8_lossy(&done.stderr).trim()));
         }
         said = String::from_utf8_lossy(&done.stdout).trim().to_string();
         ensure!(out.metadata().is_ok_and(|m| m.len() > 0), "nothing was written");

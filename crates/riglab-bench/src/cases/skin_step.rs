@@ -30,7 +30,7 @@ const NEAR_AT_END: f64 = 0.03;
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(corpus) = context.corpus()? else {
-        return Ok(vec![Row::failed(LABEL.to_string(), recipe::NO_RIGS.into())]);
+        return Ok(vec![Row::skipped(LABEL.to_string(), recipe::NO_RIGS)]);
     };
     let file = context.path("step-unirig_skin.safetensors");
     let mut ours = Side::ours("skin_step")?;

@@ -49,7 +49,7 @@ fn released() -> TokenizerConfig {
 }
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
-    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::failed("tokenise", recipe::NO_RIGS.into())]) };
+    let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped("tokenise", recipe::NO_RIGS)]) };
     let file = context.path("skeletons.json");
     let (mut ours, mut theirs) = (Side::ours("tokenise")?, ARRAYS.start("unirig_tokens.py")?);
     let a: Vec<Vec<u32>> = ours.ask(&json!({"do": "open", "corpus": corpus, "file": file}))?;
