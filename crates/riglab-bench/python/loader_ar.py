@@ -179,9 +179,21 @@ def make(index, seed):
 
 
 def opened(path):
-    """In a worker: its own view of the corpus, on one thread."""
+    """The corpus, with all assets read."""
     global corpus
     corpus = Corpus(path)
+    for index in range(len(corpus.offsets["vertex"]) - 1):
+        corpus.rig(index)
+
+
+def begun(path, ready):
+    """In a worker: its own view of the corpus, on one thread."""
+    try:
+        opened(path)
+    except BaseException:
+        ready.abort()
+        raise
+    ready.wait()
 
 
 def one(task):
@@ -193,10 +205,16 @@ pool = None
 
 
 def load(path, workers):
-    """Starts the workers; how many assets there are."""
-    global pool
-    opened(path)
-    pool = get_context("spawn").Pool(workers, opened, (path,)) if workers > 1 else None
+    """Starts the workers, and waits until each has read all assets: any of them may get any; how many there are."""
+    global corpus, pool
+    corpus, pool = Corpus(path), None
+    if workers > 1:
+        context = get_context("spawn")
+        ready = context.Barrier(workers + 1)
+        pool = context.Pool(workers, begun, (path, ready))
+        ready.wait()
+    else:
+        opened(path)
     return len(corpus.offsets["vertex"]) - 1
 
 

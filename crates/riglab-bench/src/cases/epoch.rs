@@ -3,8 +3,8 @@
 //! Ours is `riglab_train::train` as `riglab train` calls it: opening the corpus, preparing rigs,
 //! sampling and augmenting in prefetch threads, steps, logs. The other side reads the same corpus
 //! through h5py, samples in vectorised numpy in as many worker processes and takes the steps of the
-//! twin. The first epoch of a fresh run counts, so preparation is in it; the second, whose rigs are
-//! kept by then, is reported beside.
+//! twin. The first epoch of a fresh run counts, so preparation is in it; the second, before which
+//! every worker has all rigs prepared, is reported beside.
 //!
 //! Random numbers differ between the sides, so sampling is compared by means over an epoch.
 
@@ -110,7 +110,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     Ok(vec![
         Row::new(NAME, x, y, "s/epoch", Better::Lower).bar(2.0).note(note),
         Row::new(format!("{NAME}/second"), later_a, later_b, "s/epoch", Better::Lower)
-            .note("the next epoch, rigs prepared before"),
+            .note("the next epoch, all rigs prepared before, on the other side by each of its workers"),
         Row::new(format!("{NAME}/batches"), a, b, "ms/batch", Better::Lower)
             .note(format!("made in one thread, rigs prepared before; {}", loading.spread())),
     ])

@@ -2,9 +2,9 @@
 //! points with normals, tokenise.
 //!
 //! Both sides keep the assets they have read and make a sample of each in as many workers. Ours are the
-//! threads that training waits for, with the batches it gets; theirs are processes of a pool, and what
-//! they make stays in them, so the way back is not charged. The points that the encoder picks are left
-//! out: the public code picks them on the GPU.
+//! threads that training waits for, with the batches it gets; theirs are processes of a pool, each of
+//! which has read all assets before the clock runs, and what they make stays in them, so the way back is
+//! not charged. The points that the encoder picks are left out: the public code picks them on the GPU.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -55,7 +55,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
         ensure!(answer["faults"].as_array().is_some_and(Vec::is_empty), "faults: {}", answer["faults"]);
         Ok(serde_json::from_value(answer)?)
     };
-    // The first pass reads.
+    // The first pass reads on our side; on the other, loading has.
     let (a, b) = (mine()?, other()?);
     let (a, b) = (a.tokens as f64 / count as f64, b.tokens as f64 / assets as f64);
     ensure!((a / b - 1.0).abs() < ALIKE, "sequences of {a:.1} and {b:.1} tokens on average");
