@@ -200,6 +200,49 @@ fn what_another_window_decided_is_shown_and_kept() {
     assert!(said.contains("c.decisions.tsv: another `riglab review`"), "{said}");
 }
 
+#[test]
+fn decisions_in_a_row_that_cannot_be_saved_leave_what_was_saved() {
+    let Some(browser) = Browser::start() else { return };
+    let dir = tempfile::tempdir().unwrap();
+    let (_, corpus) = curated(dir.path(), 3);
+    let decisions = dir.path().join("c.decisions.tsv");
+    let serving = Serving::begin(&["review", text(&corpus)]);
+    browser.open(&serving.1);
+    loaded(&browser);
+    // Decisions are held back until there are several, and the first of them get no answer.
+    browser.script(
+        "const real = window.fetch;
+        window.fetch = async (...asked) => {
+            if (asked[0] === 'decide') {
+                await window.gate;
+                if (window.failing > 0) { window.failing -= 1; throw new TypeError('down'); }
+            }
+            return real(...asked);
+        };",
+    );
+    let decide = |keys: &[&str], failing: u32| {
+        browser.script(&format!("window.gate = new Promise(open => window.open = open); window.failing = {failing};"));
+        browser.press(keys);
+        browser.script("window.open()");
+    };
+    let kept = || fs::read_to_string(&decisions).unwrap_or_default();
+    decide(&["5", "6"], 2);
+    browser.until("the fault is told", |b| {
+        b.text("#alert").contains("does not answer") && b.text("#status") == "not saved"
+    });
+    browser.until("both failed", |b| b.script("return window.failing") == 0);
+    assert_eq!(kept(), "");
+    // The first of them again: it is no second press, which would clear it.
+    decide(&["5"], 0);
+    browser.until("it is saved", |_| kept().contains("\tarthropod\t"));
+    saved(&browser, "0 of 4 decided");
+    // The second has the first in it, and nobody else decided.
+    decide(&["f", "2", ESCAPE, "r"], 1);
+    browser.until("the last is saved", |_| kept().contains("\treject\tarthropod\tjoint outside the mesh\t"));
+    saved(&browser, "1 of 4 decided");
+    assert_eq!(browser.script("return document.querySelector('#alert').hidden"), true);
+}
+
 /// The address of a site of its own, with one page.
 fn elsewhere() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

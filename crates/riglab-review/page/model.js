@@ -23,7 +23,9 @@ export const SHOWS = [
 export function fill(loaded) {
   loaded.forEach((asset, index) => {
     const text = [asset.name, asset.stage ?? "", asset.reason, ...asset.notes].join("\n").toLowerCase();
-    assets.push({ ...asset, index, text, decision: asset.decision ?? NOTHING });
+    const decision = asset.decision ?? NOTHING;
+    // What the server has beside what is shown; and how often another window decided.
+    assets.push({ ...asset, index, text, decision, saved: decision, newer: 0 });
   });
 }
 

@@ -33,23 +33,32 @@ function draw(takeFocus) {
   history.replaceState(null, "", `#${new URLSearchParams({ search, show, category, at })}`);
 }
 
-// Takes a decision: shown at once, taken back where it cannot be saved. What another window decided meanwhile is shown instead.
+// What is shown of an asset with a change; nothing where it changes nothing.
+function changed(asset, change) {
+  const after = { ...asset.decision, ...change };
+  return JSON.stringify(after) === JSON.stringify(asset.decision) ? undefined : after;
+}
+
+// Takes a decision: shown at once. Where it cannot be saved, what the server has is shown again, unless a later decision about
+// the asset is on its way, which holds all of this one. What another window decided meanwhile is shown instead.
 async function decide(asset, change, undoing) {
   const before = asset.decision;
-  const after = { ...before, ...change };
-  if (JSON.stringify(after) === JSON.stringify(before)) return;
+  const after = changed(asset, change);
+  if (!after) return;
   asset.decision = after;
   if (!undoing) model.remember(asset, before);
   sheet.update(asset);
   $("status").textContent = "saving";
   try {
-    await server.decide(asset, after, before);
+    await server.decide(asset, after);
     $("alert").hidden = true;
     if (server.pending() <= 1) $("status").textContent = "saved";
   } catch (fault) {
-    if (fault.newer) asset.decision = fault.newer;
-    else if (asset.decision === after) asset.decision = before;
-    if (!undoing) model.forget(asset, before);
+    const shown = asset.decision === after;
+    if (fault.newer || shown) {
+      asset.decision = asset.saved;
+      if (!undoing) model.forget(asset, before);
+    }
     $("status").textContent = "not saved";
     const lost = fault.newer && change.comment ? ` Your comment was: ${change.comment}` : "";
     complain(fault.message + lost);
@@ -103,7 +112,9 @@ function saveComment() {
 }
 
 function undo() {
-  const step = model.takeBack();
+  let step = model.takeBack();
+  // What was never saved is undone already.
+  while (step && !changed(step.asset, step.before)) step = model.takeBack();
   if (!step) return;
   if (!model.view.list.includes(step.asset)) {
     Object.assign(model.view, { search: "", show: "all", category: "" });

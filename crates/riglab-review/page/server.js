@@ -9,30 +9,39 @@ export async function load() {
   return answer.json();
 }
 
-// Resolves when the decision is on the disk; fails with a sentence, and where another window decided since `was` with what
-// that one decided (`newer`).
-export function decide(asset, decision, was) {
+// Resolves when the decision is on the disk: it is `asset.saved` then. Fails with a sentence, and where another window decided
+// since `asset.saved` with what that one decided (`newer`), which is `asset.saved` from then on. Decisions that were waiting
+// then fail the same way unsent: who took them had not seen it.
+export function decide(asset, decision) {
   open += 1;
-  const sent = { name: asset.name, digest: asset.digest, ...decision, was };
-  const done = last.then(() => send(sent));
+  const seen = asset.newer;
+  const done = last.then(() => (asset.newer === seen ? send(asset, decision) : Promise.reject(elsewhere(asset))));
   last = done.catch(() => {}).then(() => { open -= 1; });
   return done;
 }
 
-async function send(decision) {
+function elsewhere(asset) {
+  const said = `${asset.name} was decided in another window in the meantime. That decision is shown now and yours was not saved: decide again to change it.`;
+  return Object.assign(new Error(said), { newer: asset.saved });
+}
+
+async function send(asset, decision) {
+  const body = JSON.stringify({ name: asset.name, digest: asset.digest, ...decision, was: asset.saved });
   let answer;
   try {
     // Outlives the page: what was typed last is sent while it closes.
     const headers = { "Content-Type": "application/json" };
-    answer = await fetch("decide", { method: "POST", headers, body: JSON.stringify(decision), keepalive: true });
+    answer = await fetch("decide", { method: "POST", headers, body, keepalive: true });
   } catch {
     throw new Error("The server does not answer; the last decision was not saved. Start riglab review again and open the address it prints: all that was saved is there.");
   }
   if (answer.status === 409 && answer.headers.get("Content-Type") === "application/json") {
-    const { newer } = await answer.json();
-    throw Object.assign(new Error(`${decision.name} was decided in another window in the meantime. That decision is shown now and yours was not saved: decide again to change it.`), { newer });
+    asset.saved = (await answer.json()).newer;
+    asset.newer += 1;
+    throw elsewhere(asset);
   }
   if (!answer.ok) throw new Error(`Not saved: ${(await answer.text()).trim()}`);
+  asset.saved = decision;
 }
 
 export const pending = () => open;
