@@ -25,13 +25,16 @@ function elsewhere(asset) {
   return Object.assign(new Error(said), { newer: asset.saved });
 }
 
+// Browsers take no more along when a page closes.
+const KEPT_ALIVE = 64 << 10;
+
 async function send(asset, decision) {
-  const body = JSON.stringify({ name: asset.name, digest: asset.digest, ...decision, was: asset.saved });
+  const body = new Blob([JSON.stringify({ name: asset.name, digest: asset.digest, ...decision, was: asset.saved })]);
   let answer;
   try {
-    // Outlives the page: what was typed last is sent while it closes.
+    // Outlives the page where it can: what was typed last is sent while it closes.
     const headers = { "Content-Type": "application/json" };
-    answer = await fetch("decide", { method: "POST", headers, body, keepalive: true });
+    answer = await fetch("decide", { method: "POST", headers, body, keepalive: body.size <= KEPT_ALIVE });
   } catch {
     throw new Error("The server does not answer; the last decision was not saved. Start riglab review again and open the address it prints: all that was saved is there.");
   }

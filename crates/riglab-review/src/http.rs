@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 /// Bytes of a request's line and headers.
 const HEAD: usize = 16 << 10;
-/// Bytes of a request's body.
-pub const BODY: usize = 64 << 10;
+/// Bytes of a request's body. A decision has its asset's comment twice, as it is and as it was, and one that was written by
+/// hand may be of any length.
+pub const BODY: usize = 1 << 20;
 /// Headers of a request.
 const HEADERS: usize = 64;
 
@@ -224,7 +225,8 @@ mod tests {
         assert_eq!(post("Content-Length: -1\r\n"), Some(400));
         assert_eq!(post("Content-Length: +1\r\n"), Some(400));
         assert_eq!(post("Content-Length: 1\r\nContent-Length: 1\r\n"), Some(400));
-        assert_eq!(post("Content-Length: 65537\r\n"), Some(413));
+        assert_eq!(post(&format!("Content-Length: {BODY}\r\n")), Some(400), "it was cut off");
+        assert_eq!(post(&format!("Content-Length: {}\r\n", BODY + 1)), Some(413));
         assert_eq!(post("Content-Length: 99999999999999999999999\r\n"), Some(413));
         assert_eq!(post("a b: c\r\n"), Some(400));
         assert_eq!(post(&"a: b\r\n".repeat(HEADERS + 1)), Some(400));

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use riglab_core::{Asset, Joint, JointId, Mesh, Provenance, Rig, Skeleton, SkinWeights};
-use riglab_curate::decisions::{Decisions, Verdict};
+use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_data::CorpusWriter;
 use riglab_review::{Review, Server};
 
@@ -278,6 +278,25 @@ fn a_stale_window_is_told_and_wipes_nothing() {
 }
 
 #[test]
+fn an_asset_with_a_long_comment_from_elsewhere_can_be_decided_about() {
+    let dir = tempfile::tempdir().unwrap();
+    corpus(&dir.path().join("c.h5"), &["a.glb"]);
+    let comment = "x".repeat(40_000);
+    let mut all = Decisions::default();
+    all.set("a.glb", "0000000000000000", Decision { comment: comment.clone(), ..Decision::default() });
+    all.write(&dir.path().join("d.tsv")).unwrap();
+    let running = Running::again(dir);
+    let record = |verdict: &str| format!(r#""verdict":"{verdict}","category":"","faults":[],"comment":"{comment}""#);
+    let key = r#""name":"a.glb","digest":"0000000000000000""#;
+    let body = format!("{{{key},{},\"was\":{{{}}}}}", record("accept"), record("-"));
+    assert!(body.len() > 64 << 10);
+    assert_eq!(running.decide(&body).0, 200);
+    let now = Decisions::read(&running.dir.path().join("d.tsv")).unwrap();
+    let kept = now.get("a.glb", "0000000000000000").unwrap();
+    assert_eq!((kept.verdict, kept.comment.len()), (Verdict::Accept, comment.len()));
+}
+
+#[test]
 fn a_second_server_on_the_same_decisions_is_refused() {
     let running = Running::new(&["a.glb"]);
     let second = || {
@@ -305,7 +324,8 @@ fn what_is_no_decision_changes_nothing() {
         (good.replace("knees", &"x".repeat(81)), 400),
         (good.replace("a.glb", "b.glb"), 404),
         (good.replace("0000", "0001"), 404),
-        (good.replace("a\\tb", &"x".repeat(70_000)), 413),
+        (good.replace("a\\tb", &"x".repeat(70_000)), 400),
+        (good.replace("a\\tb", &"x".repeat(1 << 20)), 413),
     ] {
         assert_eq!(running.decide(&body).0, status, "{}", body.get(..80).unwrap_or(&body));
     }
