@@ -266,6 +266,12 @@ pub(crate) fn per_rig(metric: &Metric) -> String {
     if metric.name.ends_with("per rig") { metric.name.clone() } else { format!("{} per rig", metric.name) }
 }
 
+/// Whether a column of totals is of a metric of single assets: it has the metric's name, or that of the assets' mean where
+/// the metric's own is that of what is pooled.
+pub(crate) fn is_total_of(total: &Metric, single: &Metric) -> bool {
+    total.convention == single.convention && (total.name == single.name || total.name == per_rig(single))
+}
+
 /// What is said below means of assets.
 const PER_RIG: &str = "per rig: the mean of each asset's own figure.";
 

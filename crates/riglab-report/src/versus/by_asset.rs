@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use riglab_metric::statistics::Paired;
 
 use super::{Compared, shared};
-use crate::findings::{conventions, per_rig};
+use crate::findings::{conventions, is_total_of, per_rig};
 use crate::forms::figure;
 use crate::{Cell, Findings, Metric, Single, Table, Total};
 
@@ -30,9 +30,10 @@ fn values<'a>(f: &'a Findings, split: Option<&str>, place: usize) -> BTreeMap<Ke
     own.map(|(key, s)| (key, s.values[place])).collect()
 }
 
-/// The assets of a split for which a run has a figure; `None` where figures by asset are not known.
-pub(super) fn defined<'a>(f: &'a Findings, split: &str, metric: &Metric) -> Option<BTreeSet<Key<'a>>> {
-    let place = f.singles_of.iter().position(|m| m.name == metric.name && m.convention == metric.convention)?;
+/// The assets of a split for which a run has a figure of what stands in a column of totals; `None` where figures by asset
+/// are not known.
+pub(super) fn defined<'a>(f: &'a Findings, split: &str, total: &Metric) -> Option<BTreeSet<Key<'a>>> {
+    let place = f.singles_of.iter().position(|single| is_total_of(total, single))?;
     let own = values(f, Some(split), place);
     Some(own.into_iter().filter(|(_, v)| v.is_finite()).map(|(key, _)| key).collect())
 }
@@ -142,8 +143,8 @@ fn tested(of: &Findings, metrics: &[Metric]) -> String {
 fn tested_rows(of: &Findings) -> Vec<&Total> {
     let own = || of.totals.iter().filter(|t| t.own);
     let has = |t: &&Total| {
-        let is = |m: &Metric| [m.name.clone(), per_rig(m)].iter().any(|name| is_mean(of, t, m, name) == Some(true));
-        of.singles_of.iter().any(is)
+        let is = |m: &Metric, total: &Metric| is_total_of(total, m) && is_mean(of, t, m, &total.name) == Some(true);
+        of.singles_of.iter().any(|m| of.totals_of.iter().any(|total| is(m, total)))
     };
     let found: Vec<&Total> = own().filter(has).collect();
     if found.is_empty() { own().collect() } else { found }

@@ -385,6 +385,22 @@ mod tests {
         let fish = groups.rows.iter().find(|row| row[2].text == "fish").unwrap();
         assert!(!fish[4].strong && !fish[5].strong);
         assert!(groups.rows[0][5].strong, "birds have figures in both");
+        // Of means over assets, which stand beside what is pooled, it is as true.
+        let per_rig = |mut run: Compared| {
+            let own = &mut run.findings[0];
+            own.totals_of.insert(1, Metric::higher("IoU per rig", "skintokens", 4));
+            own.totals.iter_mut().for_each(|t| t.values.insert(1, t.values[0]));
+            run
+        };
+        let mut fails = per_rig(run("b", 0.1, "1"));
+        fails.findings[0].singles[0].values[0] = f64::NAN;
+        let blocks = versus(&[per_rig(run("a", 0.0, "1")), fails]).unwrap();
+        let seen = table(&blocks, "test_seen: convention");
+        assert_eq!(seen.head[3..], ["IoU", "IoU per rig", "L1"]);
+        assert!(seen.rows.iter().all(|row| !row[3].strong && !row[4].strong));
+        assert!(seen.note.ends_with("different assets: IoU, IoU per rig."), "{}", seen.note);
+        let new = table(&blocks, "test_new: convention");
+        assert_eq!(new.rows.iter().take(3).map(|row| row[4].strong).collect::<Vec<_>>(), [false, true, false]);
     }
 
     #[test]
