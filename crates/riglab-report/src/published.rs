@@ -2,31 +2,41 @@
 
 use std::sync::LazyLock;
 
-use toml::{Table as Toml, Value};
+use toml::de::{DeTable, DeValue};
 
 use crate::{Cell, Table};
 
-/// As printed in the two papers and in two peers' READMEs.
-static TABLES: LazyLock<Toml> = LazyLock::new(|| include_str!("published.toml").parse().expect("the file is TOML"));
+/// As printed in the two papers and in two peers' READMEs. Not read as values: those forget that 3.390 has three digits.
+static TABLES: LazyLock<DeTable<'static>> =
+    LazyLock::new(|| DeTable::parse(include_str!("published.toml")).expect("the file is TOML").into_inner());
 
 /// The tables that there are, such as `skintokens.table3`.
 pub fn names() -> Vec<String> {
-    let below = |(group, tables): (&String, &Value)| {
-        let tables = tables.as_table().into_iter().flat_map(Toml::keys);
-        tables.map(|table| format!("{group}.{table}")).collect::<Vec<_>>()
-    };
-    TABLES.iter().flat_map(below).collect()
+    let mut out = Vec::new();
+    for (group, tables) in TABLES.iter() {
+        let tables = tables.get_ref().as_table().into_iter().flatten();
+        out.extend(tables.map(|(table, _)| format!("{}.{}", group.get_ref(), table.get_ref())));
+    }
+    out
+}
+
+/// A table as it stands in the file.
+fn raw(name: &str) -> Option<&'static DeTable<'static>> {
+    let (group, own) = name.split_once('.')?;
+    TABLES.get(group)?.get_ref().get(own)?.get_ref().as_table()
+}
+
+fn entry(table: &'static DeTable<'static>, key: &str) -> Option<&'static DeValue<'static>> {
+    Some(table.get(key)?.get_ref())
 }
 
 /// A published table by its name, every cell marked as published. Distances between skeletons are × 100 in all tables,
 /// as in those of measured ones, with as many digits as were printed.
 pub fn table(name: &str) -> Option<Table> {
     let mut table = read(name)?;
-    let share =
-        |key: &str| name.split_once('.').and_then(|(group, own)| TABLES.get(group)?.get(own)?.get(key)?.as_bool());
-    if share("share") == Some(true) {
+    if entry(raw(name)?, "share").and_then(DeValue::as_bool) == Some(true) {
         for (k, _) in table.head.iter().enumerate().skip(1).filter(|(_, column)| is_distance(&place(name, column).1)) {
-            table.rows.iter_mut().for_each(|row| row[k].text = times_100(&row[k].text));
+            table.rows.iter_mut().for_each(|row| row[k].text = moved(&row[k].text, 2));
         }
         table.note = format!("Distances × 100; printed with the {}", table.note);
     }
@@ -39,12 +49,13 @@ fn is_distance(metric: &str) -> bool {
     matches!(metric, "j2j" | "j2b" | "b2b")
 }
 
-/// A number as printed, times 100: its point two places on.
-fn times_100(printed: &str) -> String {
-    let digits = printed.split_once('.').map_or(0, |(_, d)| d.len());
-    printed
-        .parse::<f64>()
-        .map_or_else(|_| printed.to_owned(), |v| format!("{:.*}", digits.saturating_sub(2), 100.0 * v))
+/// A number as printed with its point some places on, and without an exponent; what is none stays as it is.
+fn moved(printed: &str, places: i32) -> String {
+    let Some(value) = printed.parse::<f64>().ok().filter(|v| v.is_finite()) else { return printed.to_owned() };
+    let (digits, exponent) = printed.split_once(['e', 'E']).unwrap_or((printed, "0"));
+    let behind = digits.split_once('.').map_or(0, |(_, d)| d.len() as i32);
+    let left = behind - exponent.parse::<i32>().unwrap_or(0) - places;
+    format!("{:.*}", left.max(0) as usize, value * 10f64.powi(places))
 }
 
 /// What stands above a column.
@@ -64,22 +75,23 @@ fn headed(table: &str, column: &str) -> String {
 
 /// A published table with its columns as they are named in the file.
 fn read(name: &str) -> Option<Table> {
-    let (group, own) = name.split_once('.')?;
-    let from = TABLES.get(group)?.get(own)?;
-    let rows = from.get("rows")?.as_table()?;
-    let text = |key: &str| from.get(key).and_then(Value::as_str).unwrap_or_default();
-    let columns = from.get("columns").and_then(Value::as_array);
+    let from = raw(name)?;
+    let rows = entry(from, "rows")?.as_table()?;
+    let text = |key: &str| entry(from, key).and_then(DeValue::as_str).unwrap_or_default();
+    let columns = entry(from, "columns").and_then(DeValue::as_array);
     let mut head = vec!["published".to_owned()];
     match columns {
-        Some(columns) => head.extend(columns.iter().filter_map(Value::as_str).map(String::from)),
+        Some(columns) => head.extend(columns.iter().filter_map(|c| c.get_ref().as_str()).map(String::from)),
         None => head.push("value".into()),
     }
     let said = caveats(from).map(|(_, _, sentence)| format!(" {sentence}")).collect::<String>();
     let mut table = Table { caption: format!("Published: {name}. {}{said}", text("what")), head, ..Table::default() };
     for (row, values) in rows {
-        let values = values.as_array().cloned().unwrap_or_else(|| vec![values.clone()]);
-        let cells = values.iter().map(|v| Cell { published: true, ..number(v) });
-        table.row(std::iter::once(Cell::text(row)).chain(cells).collect());
+        let values = match values.get_ref() {
+            DeValue::Array(values) => values.iter().map(|v| printed(v.get_ref())).collect(),
+            value => vec![printed(value)],
+        };
+        table.row(std::iter::once(Cell::text(row.get_ref().as_ref())).chain(values).collect());
     }
     if !text("unit").is_empty() {
         table.note = format!("unit: {}", text("unit"));
@@ -88,9 +100,12 @@ fn read(name: &str) -> Option<Table> {
 }
 
 /// What has to be known of rows to read them right: the row, a few words, a sentence.
-fn caveats(table: &Value) -> impl Iterator<Item = (&str, &str, &str)> {
-    let rows = table.get("caveats").and_then(Value::as_table).into_iter().flatten();
-    rows.filter_map(|(row, said)| Some((row.as_str(), said.get(0)?.as_str()?, said.get(1)?.as_str()?)))
+fn caveats(table: &'static DeTable<'static>) -> impl Iterator<Item = (&'static str, &'static str, &'static str)> {
+    let rows = entry(table, "caveats").and_then(DeValue::as_table).into_iter().flatten();
+    rows.filter_map(|(row, said)| {
+        let part = |k: usize| said.get_ref().get(k)?.get_ref().as_str();
+        Some((row.get_ref().as_ref(), part(0)?, part(1)?))
+    })
 }
 
 /// What a published system reached on a data set.
@@ -102,8 +117,8 @@ pub struct Line {
     pub system: String,
     /// The data set; empty where the table has one alone.
     pub data: String,
-    /// Its numbers by metric, as printed.
-    pub values: Vec<(String, f64)>,
+    /// Its numbers by metric, with the digits that were printed.
+    pub values: Vec<(String, String)>,
     /// What has to be known to read them right, in a few words and as a sentence.
     pub caveat: Option<(String, String)>,
 }
@@ -112,12 +127,9 @@ impl Line {
     /// A metric's cell in another unit: what was printed, times a power of ten, with as many digits as were printed;
     /// empty where the table does not have it.
     pub fn cell(&self, metric: &str, factor: f64) -> Cell {
-        let Some((_, value)) = self.values.iter().find(|(name, _)| name == metric) else {
-            return Cell { published: true, ..Cell::none() };
-        };
-        let printed = value.to_string();
-        let digits = printed.split_once('.').map_or(0, |(_, d)| d.len()) as i32 - factor.log10().round() as i32;
-        Cell { published: true, ..Cell::number(value * factor, digits.max(0) as usize) }
+        let found = self.values.iter().find(|(name, _)| name == metric);
+        let text = found.map_or(String::new(), |(_, printed)| moved(printed, factor.log10().round() as i32));
+        Cell { published: true, ..Cell::none().with_text(text) }
     }
 
     /// What stands before its numbers.
@@ -154,10 +166,9 @@ fn place(table: &str, column: &str) -> (String, String) {
 /// A published table by system and data set: columns such as `mr_j2j` are a data set's metric, columns that are data
 /// sets have the metric that the table is called after. Empty where there is no such table.
 pub fn lines(name: &str) -> Vec<Line> {
-    let Some(table) = read(name) else { return Vec::new() };
-    let from = name.split_once('.').and_then(|(group, own)| TABLES.get(group)?.get(own));
+    let (Some(table), Some(from)) = (read(name), raw(name)) else { return Vec::new() };
     let caveat_of = |system: &str| {
-        let (_, short, sentence) = caveats(from?).find(|(row, ..)| *row == system)?;
+        let (_, short, sentence) = caveats(from).find(|(row, ..)| *row == system)?;
         Some((short.to_owned(), sentence.to_owned()))
     };
     let mut out: Vec<Line> = Vec::new();
@@ -165,7 +176,11 @@ pub fn lines(name: &str) -> Vec<Line> {
         let start = out.len();
         for (column, cell) in table.head.iter().zip(row).skip(1) {
             let (data, metric) = place(name, column);
-            let Ok(value) = cell.text.parse::<f64>() else { continue };
+            // What was not reported is no number.
+            if cell.plain().is_empty() {
+                continue;
+            }
+            let value = cell.text.clone();
             match out[start..].iter_mut().find(|l| l.data == data) {
                 Some(line) => line.values.push((metric, value)),
                 None => {
@@ -179,14 +194,15 @@ pub fn lines(name: &str) -> Vec<Line> {
     out
 }
 
-/// With the digits that were printed, or nearly so.
-fn number(value: &Value) -> Cell {
+/// A published number with all its digits, zeros at the end included.
+fn printed(value: &DeValue) -> Cell {
     let shown = match value {
-        Value::Float(x) if !x.is_finite() => "–".to_owned(),
-        Value::Float(x) => x.to_string(),
-        other => other.to_string(),
+        DeValue::Float(x) if x.as_str().ends_with("nan") => "–".to_owned(),
+        DeValue::Float(x) => moved(x.as_str(), 0),
+        DeValue::Integer(x) => x.as_str().to_owned(),
+        _ => String::new(),
     };
-    Cell::none().with_text(shown)
+    Cell { published: true, ..Cell::none().with_text(shown) }
 }
 
 #[cfg(test)]
@@ -214,12 +230,13 @@ mod tests {
             lines(name).into_iter().find(|l| l.system == system && l.data == data).unwrap_or_else(|| panic!("{name}"))
         };
         let full = of("skintokens.table5", "FSQ-CVAE (SkinTokens paper)", "ModelsResource");
-        assert_eq!(full.values, [("l1".to_owned(), 0.0138), ("iou".into(), 91.1), ("mask".into(), 83.9)]);
+        let texts = |line: &Line| line.values.iter().map(|(m, v)| format!("{m} {v}")).collect::<Vec<_>>();
+        assert_eq!(texts(&full), ["l1 0.0138", "iou 91.1", "mask 83.9"]);
         // As many digits as were printed, in the unit asked for.
         assert_eq!(full.cell("iou", 0.01).text, "0.911");
         assert_eq!((full.cell("j2j", 1.0).text.as_str(), full.cell("j2j", 1.0).published), ("", true));
         let unirig = of("unirig.j2j", "UniRig (its paper)", "VRoid augmented");
-        assert_eq!(unirig.values, [("j2j".to_owned(), 0.0101)]);
+        assert_eq!(texts(&unirig), ["j2j 0.0101"]);
         assert_eq!(unirig.cell("j2j", 100.0).text, "1.01");
         assert_eq!(unirig.name(), "published: UniRig (its paper), VRoid augmented (unirig.j2j)");
         // What was not reported is no number.
@@ -233,9 +250,8 @@ mod tests {
     #[test]
     fn caveats_are_of_rows_that_there_are_and_stand_in_their_names() {
         for name in names() {
-            let (group, own) = name.split_once('.').unwrap();
             let rows = read(&name).unwrap().rows;
-            for (row, ..) in caveats(&TABLES[group][own]) {
+            for (row, ..) in caveats(raw(&name).unwrap()) {
                 assert!(rows.iter().any(|r| r[0].text == row), "{name}: {row}");
             }
         }
@@ -252,6 +268,18 @@ mod tests {
         let table = table("skintokens.table3").unwrap();
         let row = table.rows.iter().find(|r| r[0].text.starts_with("TokenRig, 4 tokens a bone (")).unwrap();
         assert_eq!(row[1..4].iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["2.857", "2.025", "1.568"]);
+        // Zeros at the end are digits, too, whatever the unit.
+        let row = table.rows.iter().find(|r| r[0].text.starts_with("UniRig")).unwrap();
+        assert_eq!(row[1..4].iter().map(|c| c.text.as_str()).collect::<Vec<_>>(), ["3.390", "2.592", "1.890"]);
+        let of = |table: &str, system: &str, data: &str, metric: &str, factor: f64| {
+            let line = lines(table).into_iter().find(|l| l.system == system && l.data == data).unwrap();
+            line.cell(metric, factor).text
+        };
+        assert_eq!(of("skintokens.table3", "UniRig (SkinTokens paper)", "ModelsResource", "j2j", 1.0), "3.390");
+        assert_eq!(of("skintokens.table3", "UniRig (SkinTokens paper)", "ModelsResource", "j2j", 0.01), "0.03390");
+        let full = "FSQ-CVAE (SkinTokens paper)";
+        assert_eq!(of("skintokens.table5", full, "Articulation-XL 2.0", "l1", 1.0), "0.0140");
+        assert_eq!(of("skintokens.table5", full, "Articulation-XL 2.0", "iou", 0.01), "0.840");
         assert_eq!(table.head[..3], ["published", "ModelsResource J2J × 100", "ModelsResource J2B × 100"]);
     }
 
@@ -266,7 +294,7 @@ mod tests {
         assert_eq!(undefined[5].text, "–");
         // Weights are no distances.
         assert_eq!(super::table("unirig.skin_l1").unwrap().rows[0][1].text, "0.07898");
-        assert_eq!(times_100("7"), "700");
+        assert_eq!(["7", "1.40e-2", "5e3", "–"].map(|text| moved(text, 2)), ["700", "1.40", "500000", "–"]);
     }
 
     #[test]
