@@ -270,17 +270,47 @@ impl Fit {
 
 /// A text that Markdown shows as it is, in one line, with what stands between backticks as code.
 pub(crate) fn markdown(text: &str) -> String {
-    ticks::markdown(text, plain_markdown)
+    let mut out = ticks::markdown(text, plain_markdown);
+    if let Some(at) = begins(&out) {
+        out.insert(at, '\\');
+    }
+    out
 }
 
+/// Where a line begins that would be a quotation, an item of a list or a rule: what a backslash belongs before.
+fn begins(line: &str) -> Option<usize> {
+    let ends = |rest: &str| rest.is_empty() || rest.starts_with(char::is_whitespace);
+    match line.chars().next()? {
+        '>' => Some(0),
+        '-' | '+' if ends(&line[1..]) || line.chars().all(|c| matches!(c, '-' | ' ')) => Some(0),
+        '0'..='9' => {
+            let at = line.find(|c: char| !c.is_ascii_digit())?;
+            (line[at..].starts_with(['.', ')']) && ends(&line[at + 1..])).then_some(at)
+        }
+        _ => None,
+    }
+}
+
+/// What GitHub's Markdown would read as markup, behind a backslash.
 fn plain_markdown(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '\\' | '|' | '`' | '<' | '*' | '[' => out.extend(['\\', c]),
-            '\n' | '\r' => out.push(' '),
-            c => out.push(c),
+    let (mut before, mut rest) = (None, text.chars());
+    while let Some(c) = rest.next() {
+        let next = rest.as_str().chars().next();
+        let is_markup = match c {
+            '\\' | '|' | '`' | '<' | '*' | '[' | '~' | '$' => true,
+            // Within a word it is a letter.
+            '_' => ![before, next].iter().all(|side| side.is_some_and(char::is_alphanumeric)),
+            '&' => next.is_some_and(|c| c == '#' || c.is_ascii_alphanumeric()),
+            // Around a heading.
+            '#' => before.is_none_or(char::is_whitespace),
+            _ => false,
+        };
+        if is_markup {
+            out.push('\\');
         }
+        out.push(if matches!(c, '\n' | '\r') { ' ' } else { c });
+        before = Some(c);
     }
     out
 }
@@ -416,6 +446,22 @@ mod tests {
         let (markdown, latex) = (table().to_markdown(), table().to_latex());
         assert!(markdown.contains("| a\\|b, \"c\" | **0.50** |\n") && markdown.contains("| :-- | --: |"));
         assert!(markdown.contains("| theirs | *12.00* |"));
+        // Names and facts are anybody's.
+        let texts = [
+            ("_idle_ __a, a_b _c", "\\_idle\\_ \\_\\_a, a_b \\_c"),
+            ("a&lt;b &#60; R&D a & b", "a\\&lt;b \\&#60; R\\&D a & b"),
+            ("~~a~~ $x$", "\\~\\~a\\~\\~ \\$x\\$"),
+            ("# a # b#c #", "\\# a \\# b#c \\#"),
+            ("> a > b", "\\> a > b"),
+            ("- a - b", "\\- a - b"),
+            ("---", "\\---"),
+            ("--set -0.5 -x", "--set -0.5 -x"),
+            ("-0.25", "-0.25"),
+            ("12. a 3. b", "12\\. a 3. b"),
+            ("1) a", "1\\) a"),
+            ("1.5", "1.5"),
+        ];
+        texts.iter().for_each(|(text, shown)| assert_eq!(super::markdown(text), *shown));
         assert!(latex.contains("\\caption{A \\& B}") && latex.contains("{lr}") && latex.contains("x\\_1"));
         assert!(latex.contains("a$|$b, \"c\" & \\textbf{0.50} \\\\\n  \\midrule\n") && latex.contains("100 \\%"));
         assert!(latex.contains("\\textit{12.00}"));
