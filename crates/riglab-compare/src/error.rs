@@ -22,6 +22,14 @@ pub enum CompareError {
         /// The kind.
         kind: &'static str,
     },
+    /// A file that is not called like one of the kind asked for.
+    #[error("{file}: by its name this is no {kind} file; leave --format out to have it read as what it is")]
+    OtherKind {
+        /// The file.
+        file: PathBuf,
+        /// The kind.
+        kind: &'static str,
+    },
     /// No true rig.
     #[error("{0}: no true rig to compare with{1}")]
     NoTruth(PathBuf, String),

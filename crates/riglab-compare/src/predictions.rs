@@ -102,10 +102,13 @@ impl Predictions {
     /// Finds what lies below `folder`, or in a file of several assets: a corpus, too.
     ///
     /// # Errors
-    /// When there is no such folder, no file of the kind in it, or a corpus that cannot be read.
+    /// When there is no such folder, no file of the kind in it, a file of another kind, or a corpus that cannot be read.
     pub fn find(folder: &Path, kind: Kind) -> Result<Self, CompareError> {
         let wanted = |path: &Path| kind.takes(path) && is_rig_file(path);
         let (files, unread) = if folder.is_file() {
+            if !kind.takes(folder) {
+                return Err(CompareError::OtherKind { file: folder.into(), kind: kind.name() });
+            }
             // One that was cut off is told before anything is looked for in it.
             corpus_at(folder)?;
             (vec![folder.to_path_buf()], Vec::new())
@@ -407,6 +410,20 @@ mod tests {
             assert!((at[0] - x).abs() < 1e-6 && weight == 1.0, "{v}: {at:?}");
         }
         assert_eq!((both.vertices.len(), both.unfit_weights.as_str()), (2, ""));
+    }
+
+    #[test]
+    fn a_file_of_another_kind_than_asked_for_is_refused_in_a_folder_and_by_itself() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("preds.pt");
+        std::fs::write(&file, "x").unwrap();
+        let npz = Kind::all().find(|(name, _)| *name == "npz").unwrap().1;
+        let said = |path: &Path| Predictions::find(path, npz).unwrap_err().to_string();
+        assert!(said(dir.path()).contains("no npz file below it"), "{}", said(dir.path()));
+        let alone = said(&file);
+        assert!(alone.starts_with(&file.display().to_string()) && alone.contains("leave --format out"), "{alone}");
+        let pt = Kind::all().find(|(name, _)| *name == "pt").unwrap().1;
+        assert!([pt, Kind::AUTO].into_iter().all(|kind| Predictions::find(&file, kind).is_ok()));
     }
 
     #[test]
