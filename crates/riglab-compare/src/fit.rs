@@ -20,6 +20,11 @@ const FAR: f64 = 0.01;
 const SAME_JOINT: f64 = 5e-3;
 /// Share of joints that lie in the box, enlarged by a tenth, where a skeleton comes without mesh.
 const INSIDE: f64 = 0.9;
+/// Joints that span less of what the true ones do are in no cube.
+const LEAST_SPAN: f64 = 0.25;
+/// A cube is taken where its joints' span is nearer to the true one than as they are, by this many doublings: the next cube
+/// is one away.
+const CLEARLY: f64 = 0.5;
 
 /// What can be measured.
 #[derive(Clone, Debug)]
@@ -69,8 +74,8 @@ impl Box3 {
 /// Brings a prediction onto the true rig.
 ///
 /// Vertices in the truth's order are taken as they are, others by position; a mesh of another place or size is moved
-/// and scaled to the truth's box. A skeleton without mesh is taken to be in the truth's coordinates, or in a cube
-/// of side 2 or 1 around the mesh, whichever its joints fill.
+/// and scaled to the truth's box. A skeleton without mesh is taken to be in the truth's coordinates if it fits them, or in
+/// a cube of side 2 or 1 around the mesh if there its joints span clearly more nearly what the true ones do.
 ///
 /// # Errors
 /// A sentence, where the mesh is another one or the coordinates cannot be told.
@@ -85,7 +90,7 @@ pub fn fit(prediction: &Prediction, truth: &Rig) -> Result<Fitted, String> {
     let mut order = Ok(Order::Same);
     let map = if prediction.vertices.is_empty() {
         order = Err("it has no vertices: weights cannot be compared".to_owned());
-        place_of_joints(&prediction.joints, &whole, &mut notes)?
+        place_of_joints(&prediction.joints, truth, &whole, &mut notes)?
     } else {
         place_of_mesh(prediction, positions, &whole, &mut order, &mut notes)?
     };
@@ -160,36 +165,44 @@ fn place_of_mesh(
     Ok(onto)
 }
 
-fn place_of_joints(joints: &Joints, whole: &Box3, notes: &mut Vec<String>) -> Result<Map, String> {
+/// Where a skeleton without mesh lies: in the truth's coordinates, or in a cube around the truth. Often its joints would fit
+/// several of them. What tells is how far they span, beside how far the true ones do: figures are of no account, and a cube,
+/// in which a small skeleton would grow, has to be the clearly better guess.
+fn place_of_joints(joints: &Joints, truth: &Rig, whole: &Box3, notes: &mut Vec<String>) -> Result<Map, String> {
     let narrow = |p: &[f64; 3]| p.map(|x| x as f32);
     let own = Box3::of(joints.positions.iter().map(narrow)).ok_or("it has no joints")?;
-    let cube = |side: f64| Map { scale: whole.longest / side, from: [0.0; 3], to: whole.center };
-    let inside = |map: Map| {
+    let true_span = Box3::of(truth.skeleton().heads().iter().copied()).map_or(0.0, |b| b.longest);
+    // Of a truth without bones the mesh alone says how far joints may span.
+    let true_span = if true_span > 0.0 { true_span } else { whole.longest };
+    let inside = |map: &Map| {
         let within = |p: &&[f64; 3]| {
             let p = map.of(**p);
             (0..3).all(|k| (p[k] - whole.center[k]).abs() <= 0.5 * whole.size[k] + 0.1 * whole.longest)
         };
         joints.positions.iter().filter(within).count() as f64 >= INSIDE * joints.positions.len() as f64
     };
-    if inside(Map::NONE) && own.longest >= 0.4 * whole.longest {
-        notes.push("it has no mesh: its joints are taken to be in the truth's coordinates".into());
-        return Ok(Map::NONE);
-    }
-    // Of cubes that hold the joints, the one that they fill most.
-    for side in [1.0, 2.0] {
-        let map = cube(side);
-        if inside(map) && own.longest * map.scale >= 0.25 * whole.longest {
+    // Of the true joints' span, and how often that has to be doubled or halved.
+    let span = |map: &Map| own.longest * map.scale / true_span;
+    let apart = |map: &Map| span(map).log2().abs();
+    let in_cube = |side: f64| (side, Map { scale: whole.longest / side, from: [0.0; 3], to: whole.center });
+    let cubes = [1.0, 2.0].map(in_cube).into_iter().filter(|(_, map)| inside(map) && span(map) >= LEAST_SPAN);
+    let cube = cubes.min_by(|(_, a), (_, b)| apart(a).total_cmp(&apart(b)));
+    let as_it_is = inside(&Map::NONE);
+    match cube {
+        Some((side, map)) if !as_it_is || apart(&Map::NONE) > apart(&map) + CLEARLY => {
             notes.push(format!(
-                "it has no mesh: its joints are taken to be in a cube of side {side} around the truth's"
+                "it has no mesh: its joints are taken to be in a cube of side {side} around the truth's, where they span \
+                 {:.2} of what the true ones do",
+                span(&map)
             ));
-            return Ok(map);
+            Ok(map)
         }
+        _ if as_it_is => {
+            notes.push("it has no mesh: its joints are taken to be in the truth's coordinates".into());
+            Ok(Map::NONE)
+        }
+        _ => Err("it has no mesh, and its joints lie neither in the truth's box nor in a cube of side 1 or 2".into()),
     }
-    if inside(Map::NONE) {
-        notes.push("it has no mesh: its joints are taken to be in the truth's coordinates".into());
-        return Ok(Map::NONE);
-    }
-    Err("it has no mesh, and its joints lie neither in the truth's box nor in a cube of side 1 or 2".into())
 }
 
 /// The predicted vertex nearest to each true one.
@@ -392,5 +405,36 @@ mod tests {
             assert!(fitted.weights.is_err());
         }
         assert!(alone(&|x| 1e6 * x + 3e6).unwrap_err().contains("neither"));
+    }
+
+    #[test]
+    fn a_skeleton_alone_that_fits_as_it_is_is_not_blown_up() {
+        // A square of side 2 around a chain in its middle that spans 0.7.
+        let joint = |k: u16| Joint {
+            name: format!("{k}"),
+            parent: k.checked_sub(1).map(JointId),
+            head: [0.35 * f32::from(k) - 0.35, 0.1, 0.0],
+        };
+        let corners = vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]];
+        let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
+        let weights = SkinWeights::normalized(vec![vec![(0u16, 1.0)]; 4]).unwrap();
+        let rig = Rig::new(Skeleton::new((0..3).map(joint).collect()).unwrap(), mesh, weights).unwrap();
+        let alone = |by: f64| {
+            let mut joints = Joints::of(rig.skeleton());
+            joints.positions.iter_mut().for_each(|j| *j = j.map(|x| by * x));
+            let fitted = fit(&Prediction { joints, ..Prediction::default() }, &rig).unwrap();
+            (fitted.joints.positions[2][0], fitted.notes[0].clone())
+        };
+        let near = |x: f64, wanted: f64| assert!((x - wanted).abs() < 1e-6, "{x}");
+        // The true one, and others that no cube makes clearly more like it.
+        for by in [1.0, 0.6, 1.5, 2.5, 0.1] {
+            let (x, note) = alone(by);
+            near(x, by * 0.35);
+            assert!(note.ends_with("in the truth's coordinates"), "{by}: {note}");
+        }
+        // Half as large, it is in a cube of side 1, and told so.
+        let (x, note) = alone(0.5);
+        near(x, 0.35);
+        assert!(note.contains("side 1 ") && note.ends_with("span 1.00 of what the true ones do"), "{note}");
     }
 }

@@ -19,6 +19,10 @@ use super::forms::{Form, Forms, systems};
 /// `_skin`), or by their name alone where only one asset has it; a file that is given for one asset is its own, whatever the
 /// two are called. Every true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own
 /// formulas (--preset), named beside each number. Weights are compared only where a prediction has the joints of the true rig.
+///
+/// A prediction is moved and scaled onto the true mesh, whatever its coordinates are. A skeleton without mesh is taken as it is,
+/// or from a cube of side 1 or 2 around the truth where its joints then span clearly more nearly what the true ones do. The
+/// notes of each asset say what was done.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
