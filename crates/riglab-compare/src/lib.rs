@@ -12,6 +12,7 @@
 
 mod corpora;
 mod error;
+mod figures;
 mod fit;
 mod keys;
 mod predictions;
@@ -26,5 +27,5 @@ pub use fit::{Fitted, fit};
 pub use keys::{key, pairs};
 pub use predictions::{Kind, Prediction, Predictions};
 pub use rows::{Failures, Row, Status, System, Unread, score};
-pub use tables::Comparison;
+pub use tables::{Comparison, Summary};
 pub use truths::{Named, TruthSource, Truths};

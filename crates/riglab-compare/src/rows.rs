@@ -218,10 +218,11 @@ impl System {
     /// system whose weights cannot be compared anywhere, worst weights would be all there is.
     fn count_worst(&mut self, worst: Vec<Vec<Measure>>) {
         let scored = self.rows.iter().filter(|row| row.status == Status::Scored);
-        let had: BTreeSet<String> = scored.clone().flat_map(|row| row.measures.iter().map(Measure::name)).collect();
+        let had: BTreeSet<(&str, &str)> =
+            scored.clone().flat_map(|row| &row.measures).map(|m| (m.metric, m.preset.name())).collect();
         let any = scored.count() > 0;
         for (row, worst) in self.rows.iter_mut().zip(worst) {
-            for m in worst.into_iter().filter(|m| !any || had.contains(&m.name())) {
+            for m in worst.into_iter().filter(|m| !any || had.contains(&(m.metric, m.preset.name()))) {
                 match row.measures.iter_mut().find(|own| (own.metric, own.preset) == (m.metric, m.preset)) {
                     Some(own) if own.value.is_nan() => own.value = m.value,
                     Some(_) => {}
@@ -239,8 +240,8 @@ impl System {
 
     /// The values of a metric, a value an asset; NaN where there is none.
     pub fn values(&self, name: &str) -> Vec<f64> {
-        let of = |row: &Row| row.measures.iter().find(|m| m.name() == name).map_or(f64::NAN, |m| m.value);
-        self.rows.iter().map(of).collect()
+        let is = |m: &&Measure| name.split_once('@') == Some((m.metric, m.preset.name()));
+        self.rows.iter().map(|row| row.measures.iter().find(is).map_or(f64::NAN, |m| m.value)).collect()
     }
 }
 

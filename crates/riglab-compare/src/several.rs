@@ -22,7 +22,7 @@ impl Line {
 
 impl Comparison {
     /// The means of a preset.
-    pub(crate) fn means_of(&self, preset: Preset, lines: &[Line]) -> Table {
+    pub(crate) fn means_of(&self, preset: Preset, lines: &[&Line]) -> Table {
         let systems = self.systems.iter().map(|system| system.name.clone());
         let head = [format!("metric @{}", preset.name()), "better".into()].into_iter().chain(systems);
         let (caption, head) = (format!("Convention {}", preset.name()), head.chain(["n".into()]).collect());
@@ -35,7 +35,7 @@ impl Comparison {
     }
 
     /// The intervals of these means.
-    pub(crate) fn intervals_of(&self, preset: Preset, lines: &[Line]) -> Table {
+    pub(crate) fn intervals_of(&self, preset: Preset, lines: &[&Line]) -> Table {
         let systems = self.systems.iter().map(|system| system.name.clone());
         let head = std::iter::once(format!("metric @{}", preset.name())).chain(systems).collect();
         let caption = format!("Convention {}, 95 % intervals of the means", preset.name());
@@ -101,7 +101,7 @@ mod tests {
     #[test]
     fn each_system_has_a_column_of_means_and_one_of_intervals() {
         let all = of(vec![system("one", &[0.1, 0.2]), system("two", &[0.3, 0.3]), system("three", &[0.125, f64::NAN])]);
-        let tables = all.tables(&[Preset::Rignet]);
+        let tables = all.summary(&[Preset::Rignet]).tables();
         let [means, intervals] = &tables[..] else { panic!("{tables:?}") };
         assert_eq!(means.head, ["metric @rignet", "better", "one", "two", "three", "n"]);
         assert_eq!(texts(means, 0), ["j2j × 100", "lower", "15.00", "30.00", "12.50", "1 .. 2"]);
@@ -111,10 +111,10 @@ mod tests {
         assert!(bounds[1].starts_with("10.0 .. 20"), "{bounds:?}");
         assert!(means.note.ends_with(Line::COUNTS) && intervals.note.is_empty());
         let same = of(vec![system("one", &[0.1]), system("two", &[0.3]), system("three", &[0.2])]);
-        let means = same.tables(&[Preset::Rignet]).remove(0);
+        let means = same.summary(&[Preset::Rignet]).tables().remove(0);
         assert_eq!(texts(&means, 1)[5], "1");
         let none = of(vec![system("one", &[0.1]), system("two", &[0.3]), system("none", &[f64::NAN])]);
-        assert_eq!(texts(&none.tables(&[Preset::Rignet])[0], 0)[4..], ["–", "1"]);
+        assert_eq!(texts(&none.summary(&[Preset::Rignet]).tables()[0], 0)[4..], ["–", "1"]);
         assert_eq!(means.rows[1].iter().map(|cell| cell.strong).collect::<Vec<_>>()[2..5], [false, true, false]);
     }
 
@@ -122,7 +122,7 @@ mod tests {
     fn tables_of_six_systems_fit_a_terminal() {
         let systems = ["rignet", "unirig", "puppeteer", "anymate", "skintokens", "ours"];
         let all = of(systems.map(|name| system(name, &[0.0123, 0.9876, 0.00012])).to_vec());
-        for table in all.tables(&Preset::ALL) {
+        for table in all.summary(&Preset::ALL).tables() {
             let text = table.to_text();
             // Notes are sentences, which a terminal breaks.
             let rows = text.lines().filter(|line| !line.trim_start().starts_with(&table.note) || table.note.is_empty());
@@ -135,7 +135,7 @@ mod tests {
     fn the_unit_of_distances_is_said_once() {
         for count in 1..=3 {
             let all = of((0..count).map(|k| system(&format!("s{k}"), &[0.1])).collect());
-            let said = all.tables(&Preset::ALL).iter().filter(|table| table.note.contains(SAID)).count();
+            let said = all.summary(&Preset::ALL).tables().iter().filter(|table| table.note.contains(SAID)).count();
             assert_eq!(said, 1, "{count} systems");
         }
     }

@@ -1,11 +1,14 @@
 //! What a comparison found, as tables.
 
+use std::sync::OnceLock;
+
 use riglab_metric::statistics::{Mean, Paired};
-use riglab_metric::{Measure, Preset, lower_is_better, trades};
+use riglab_metric::{Preset, lower_is_better, trades};
 use riglab_report::{Cell, Table};
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::figures::{Figures, Judged, judged};
 use crate::unit::{SAID, factor};
 use crate::{Failures, Status, System, Unread};
 
@@ -32,19 +35,10 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Metrics of some presets in the order of tables, by name.
-    pub fn metrics(&self, presets: &[Preset]) -> Vec<String> {
-        let mut names: Vec<String> = Vec::new();
-        for preset in presets {
-            let of = |m: &&Measure| m.preset == *preset;
-            for m in self.systems.iter().flat_map(|s| &s.rows).flat_map(|r| &r.measures).filter(of) {
-                let name = m.name();
-                if !names.contains(&name) {
-                    names.push(name);
-                }
-            }
-        }
-        names
+    /// What is made of its figures under some presets.
+    pub fn summary<'a>(&'a self, presets: &'a [Preset]) -> Summary<'a> {
+        let figures = Figures::of(&self.systems, presets);
+        Summary { all: self, presets, figures, judged: OnceLock::new(), lines: OnceLock::new() }
     }
 
     /// What became of the assets, a row a system.
@@ -76,52 +70,8 @@ impl Comparison {
         table
     }
 
-    /// The means of each preset, a row a metric. Of one system or two they stand in a table with their 95 % intervals and the
-    /// assets that they are of; of two also the difference. Of more systems means and intervals have a table each, a column
-    /// a system.
-    pub fn tables(&self, presets: &[Preset]) -> Vec<Table> {
-        let mut tables = Vec::new();
-        let mut said = false;
-        for preset in presets {
-            let names = self.metrics(&[*preset]);
-            if names.is_empty() {
-                continue;
-            }
-            let lines: Vec<Line> = names.iter().map(|name| self.line(name)).collect();
-            let several = self.systems.len() > 2;
-            let mut table = if several { self.means_of(*preset, &lines) } else { self.whole_of(*preset, &lines) };
-            let mut notes = Vec::new();
-            // Once: it is the same in every convention.
-            if !said && names.iter().any(|name| factor(name).is_some()) {
-                notes.push(SAID.to_owned());
-                said = true;
-            }
-            if let [a, b] = &self.systems[..] {
-                notes.push(format!(
-                    "difference: mean of {} - {} over assets where both are defined; p: share of sign flips over \
-                     assets that give a mean at least as far from 0",
-                    a.name, b.name
-                ));
-            }
-            let without = self.without_failures(&names);
-            if !without.is_empty() {
-                notes.push(format!("Without failed and missing assets: {}", without.join(", ")));
-            }
-            notes.extend(self.marked(&names));
-            if several {
-                notes.push(Line::COUNTS.to_owned());
-            }
-            table.note = notes.join(". ");
-            tables.push(table);
-            if several {
-                tables.push(self.intervals_of(*preset, &lines));
-            }
-        }
-        tables
-    }
-
     /// Everything of one system or two.
-    fn whole_of(&self, preset: Preset, lines: &[Line]) -> Table {
+    fn whole_of(&self, preset: Preset, lines: &[&Line]) -> Table {
         let mut head = vec![format!("metric @{}", preset.name()), "better".into()];
         for system in &self.systems {
             head.extend([system.name.clone(), "95 % interval".into(), "n".into()]);
@@ -136,47 +86,104 @@ impl Comparison {
             for (m, best) in line.means.iter().zip(&line.best) {
                 cells.extend([number(m.mean).strong_if(*best), interval(m.low, m.high), Cell::count(m.n)]);
             }
-            if pair {
-                let p = Paired::of(&line.values[0], &line.values[1]);
+            if let Some(p) = line.pair {
                 cells.extend([number(p.difference), interval(p.low, p.high), number(p.p)]);
             }
             table.row(cells);
         }
         table
     }
+}
+
+/// A comparison under some presets: what all forms of it share is computed once, when it is first asked for.
+pub struct Summary<'a> {
+    all: &'a Comparison,
+    presets: &'a [Preset],
+    figures: Figures,
+    /// A metric each, as the presets print them.
+    judged: OnceLock<Vec<Judged>>,
+    /// A metric each, in the units of tables.
+    lines: OnceLock<Vec<Line>>,
+}
+
+impl Summary<'_> {
+    /// The means of each preset, a row a metric. Of one system or two they stand in a table with their 95 % intervals and the
+    /// assets that they are of; of two also the difference. Of more systems means and intervals have a table each, a column
+    /// a system.
+    pub fn tables(&self) -> Vec<Table> {
+        let mut tables = Vec::new();
+        let mut said = false;
+        for preset in self.presets {
+            let lines: Vec<&Line> =
+                self.lines().iter().filter(|line| self.figures.preset(line.at) == *preset).collect();
+            if lines.is_empty() {
+                continue;
+            }
+            let several = self.all.systems.len() > 2;
+            let mut table =
+                if several { self.all.means_of(*preset, &lines) } else { self.all.whole_of(*preset, &lines) };
+            let mut notes = Vec::new();
+            // Once: it is the same in every convention.
+            if !said && lines.iter().any(|line| factor(&line.name).is_some()) {
+                notes.push(SAID.to_owned());
+                said = true;
+            }
+            if let [a, b] = &self.all.systems[..] {
+                notes.push(format!(
+                    "difference: mean of {} - {} over assets where both are defined; p: share of sign flips over \
+                     assets that give a mean at least as far from 0",
+                    a.name, b.name
+                ));
+            }
+            let without = self.without_failures(&lines);
+            if !without.is_empty() {
+                notes.push(format!("Without failed and missing assets: {}", without.join(", ")));
+            }
+            notes.extend(self.marked(&lines));
+            if several {
+                notes.push(Line::COUNTS.to_owned());
+            }
+            table.note = notes.join(". ");
+            tables.push(table);
+            if several {
+                tables.push(self.all.intervals_of(*preset, &lines));
+            }
+        }
+        tables
+    }
 
     /// Metrics that have no value for a failure, though failures are to count.
-    fn without_failures<'a>(&self, names: &'a [String]) -> Vec<&'a str> {
-        if self.failures != Failures::Worst {
+    fn without_failures<'l>(&self, lines: &[&'l Line]) -> Vec<&'l str> {
+        if self.all.failures != Failures::Worst {
             return Vec::new();
         }
-        let has = |r: &crate::Row, name: &str| r.measures.iter().any(|m| m.name() == name && m.value.is_finite());
-        let lacks = |name: &&String| {
-            let rows = self.systems.iter().flat_map(|s| s.rows.iter().enumerate());
-            let mut failures = rows.filter(|(_, row)| row.status != Status::Scored).peekable();
+        let systems = self.all.systems.iter().enumerate();
+        let failures = systems.flat_map(|(system, s)| {
+            let failed = s.rows.iter().enumerate().filter(|(_, row)| row.status != Status::Scored);
+            failed.map(move |(asset, _)| (system, asset))
+        });
+        let failures: Vec<(usize, usize)> = failures.collect();
+        let lacks = |line: &&&Line| {
+            let values = self.figures.values(line.at);
+            let has = |system: usize, asset: usize| values[system].get(asset).is_some_and(|v| v.is_finite());
             // What no system has of an asset is not there to be had, as clips that it lacks.
-            let is_there = |asset: usize| self.systems.iter().any(|s| s.rows.get(asset).is_some_and(|r| has(r, name)));
-            failures.peek().is_some()
-                && (failures.clone().any(|(asset, row)| !has(row, name) && is_there(asset))
-                    || failures.all(|(_, row)| !has(row, name)))
+            let is_there = |asset: usize| (0..values.len()).any(|system| has(system, asset));
+            !failures.is_empty()
+                && (failures.iter().any(|&(system, asset)| !has(system, asset) && is_there(asset))
+                    || failures.iter().all(|&(system, asset)| !has(system, asset)))
         };
-        names.iter().filter(lacks).map(|name| name.split('@').next().unwrap_or(name)).collect()
+        lines.iter().filter(lacks).map(|line| line.metric()).collect()
     }
 
     /// Which means are marked, and why some are not; nothing of a single system.
-    fn marked(&self, names: &[String]) -> Option<String> {
-        if self.systems.len() < 2 {
+    fn marked(&self, lines: &[&Line]) -> Option<String> {
+        if self.all.systems.len() < 2 {
             return None;
         }
-        let judged: Vec<&String> = names.iter().filter(|name| is_judged(name)).collect();
-        let over = |name: &str| Over::of(&self.systems.iter().map(|s| s.values(name)).collect::<Vec<_>>());
-        let apart: Vec<&str> = judged
-            .iter()
-            .filter(|name| over(name) == Over::Different)
-            .map(|name| name.split('@').next().unwrap_or(name))
-            .collect();
-        let any = judged.iter().any(|name| over(name) == Over::Same);
-        let traded = any && names.iter().any(|name| trades(name));
+        let judged = || lines.iter().filter(|line| is_judged(&line.name));
+        let apart: Vec<&str> = judged().filter(|line| line.over == Over::Different).map(|line| line.metric()).collect();
+        let any = judged().any(|line| line.over == Over::Same);
+        let traded = any && lines.iter().any(|line| trades(&line.name));
         let marked = match (any, apart.is_empty()) {
             (true, true) => Some("Marked: the better mean, where several systems have one".into()),
             (true, false) => Some(format!(
@@ -184,7 +191,7 @@ impl Comparison {
                 apart.join(", ")
             )),
             (false, false) => {
-                let advice = match self.failures {
+                let advice = match self.all.failures {
                     Failures::Apart => "; compare with `--failures worst`, which counts every asset",
                     Failures::Worst => "",
                 };
@@ -199,15 +206,37 @@ impl Comparison {
         marked.map(|marked| marked + but)
     }
 
-    fn line(&self, name: &str) -> Line {
-        let lower = lower_is_better(name);
-        let scale = factor(name).unwrap_or(1.0);
-        let values = self.systems.iter().map(|s| s.values(name).into_iter().map(|v| scale * v).collect());
-        let values: Vec<Vec<f64>> = values.collect();
-        let means: Vec<Mean> = values.iter().map(|v| Mean::of(v)).collect();
-        let comparable = is_judged(name) && Over::of(&values) == Over::Same;
+    fn judged(&self) -> &[Judged] {
+        self.judged.get_or_init(|| {
+            let all: Vec<&[Vec<f64>]> = (0..self.figures.len()).map(|at| self.figures.values(at)).collect();
+            judged(&all)
+        })
+    }
+
+    fn lines(&self) -> &[Line] {
+        self.lines.get_or_init(|| {
+            let names: Vec<String> = (0..self.figures.len()).map(|at| self.figures.name(at)).collect();
+            // Means of numbers in another unit are other numbers in their last digits.
+            let in_unit: Vec<(usize, f64)> =
+                names.iter().enumerate().filter_map(|(at, name)| Some((at, factor(name)?))).collect();
+            let scaled = |&(at, factor): &(usize, f64)| {
+                let of = |values: &Vec<f64>| values.iter().map(|v| factor * v).collect();
+                self.figures.values(at).iter().map(of).collect()
+            };
+            let scaled: Vec<Vec<Vec<f64>>> = in_unit.iter().map(scaled).collect();
+            let mut all = self.judged().to_vec();
+            let shown = judged(&scaled.iter().map(Vec::as_slice).collect::<Vec<_>>());
+            in_unit.iter().zip(shown).for_each(|((at, _), shown)| all[*at] = shown);
+            names.into_iter().zip(all).enumerate().map(|(at, (name, of))| self.line(at, name, of)).collect()
+        })
+    }
+
+    fn line(&self, at: usize, name: String, Judged { means, pair }: Judged) -> Line {
+        let lower = lower_is_better(&name);
+        let over = Over::of(self.figures.values(at));
+        let comparable = is_judged(&name) && over == Over::Same;
         // One that failed everywhere is the better one in nothing, whatever a failure counts.
-        let found = self.systems.iter().map(|s| s.rows.iter().any(|r| r.status == Status::Scored));
+        let found = self.all.systems.iter().map(|s| s.rows.iter().any(|r| r.status == Status::Scored));
         let found: Vec<bool> = found.collect();
         let defined = || means.iter().zip(&found).filter(|(o, _)| o.mean.is_finite());
         let others = defined().filter(|(_, found)| **found).map(|(o, _)| o.mean);
@@ -217,23 +246,23 @@ impl Comparison {
         let differ = defined().any(|(o, _)| !near(o.mean));
         let best = |(m, found): (&Mean, &bool)| comparable && *found && differ && near(m.mean);
         let best = means.iter().zip(&found).map(best).collect();
-        Line { name: name.into(), values, means, best }
+        Line { at, name, means, best, over, pair }
     }
 
-    /// A row an asset and system, with all figures of some presets; with all their digits and as the presets print them,
-    /// if `whole`.
-    pub fn assets(&self, presets: &[Preset], whole: bool) -> Table {
-        let names = self.metrics(presets);
+    /// A row an asset and system, with all figures; with all their digits and as the presets print them, if `whole`.
+    pub fn assets(&self, whole: bool) -> Table {
+        let names: Vec<String> = (0..self.figures.len()).map(|at| self.figures.name(at)).collect();
+        let factors: Vec<Option<f64>> = names.iter().map(|name| factor(name)).collect();
         let mut head: Vec<String> = ["system", "asset", "status", "joints", "true joints"].map(String::from).to_vec();
         head.extend(names.iter().map(|name| if whole { name.clone() } else { headed(name, name) }));
         // Sentences come last: figures stay beside the asset that they are of.
         head.push("notes".into());
         let mut table = Table { caption: "Assets".into(), head, ..Table::default() };
-        if !whole && names.iter().any(|name| factor(name).is_some()) {
+        if !whole && factors.iter().any(Option::is_some) {
             table.note = format!("{SAID}.");
         }
-        for system in &self.systems {
-            for row in &system.rows {
+        for (k, system) in self.all.systems.iter().enumerate() {
+            for (asset, row) in system.rows.iter().enumerate() {
                 let (status, reason) = match &row.status {
                     Status::Scored => ("scored", row.without_weights.clone()),
                     Status::Failed(reason) => ("failed", reason.clone()),
@@ -247,13 +276,13 @@ impl Comparison {
                     Cell::count(row.joints),
                     Cell::count(row.true_joints),
                 ];
-                let of = |name: &String| row.measures.iter().find(|m| m.name() == *name).map_or(f64::NAN, |m| m.value);
                 let cell = |value: f64| match whole && value.is_finite() {
                     true => number(value).with_text(value.to_string()),
                     false => number(value),
                 };
-                let scale = |name: &String| if whole { 1.0 } else { factor(name).unwrap_or(1.0) };
-                cells.extend(names.iter().map(|name| cell(scale(name) * of(name))));
+                let scale = |factor: &Option<f64>| if whole { 1.0 } else { factor.unwrap_or(1.0) };
+                let values = factors.iter().enumerate().map(|(at, f)| scale(f) * self.figures.values(at)[k][asset]);
+                cells.extend(values.map(cell));
                 cells.push(Cell::text(told.collect::<Vec<_>>().join("; ")));
                 table.row(cells);
             }
@@ -262,17 +291,16 @@ impl Comparison {
     }
 
     /// Everything: rows, means, and the differences of two systems.
-    pub fn to_json(&self, presets: &[Preset]) -> Value {
-        let names = self.metrics(presets);
-        let means = |s: &System| {
-            let of = |name: &String| (name.clone(), json!(Mean::of(&s.values(name))));
-            json!({"system": s.name, "means": names.iter().map(of).collect::<serde_json::Map<_, _>>()})
+    pub fn to_json(&self) -> Value {
+        let judged = self.judged();
+        let by_name = |of: &dyn Fn(&Judged) -> Value| -> serde_json::Map<String, Value> {
+            judged.iter().enumerate().map(|(at, own)| (self.figures.name(at), of(own))).collect()
         };
-        let mut out = json!(self);
-        out["means"] = self.systems.iter().map(means).collect();
-        if let [a, b] = &self.systems[..] {
-            let of = |name: &String| (name.clone(), json!(Paired::of(&a.values(name), &b.values(name))));
-            out["paired"] = names.iter().map(of).collect::<serde_json::Map<_, _>>().into();
+        let means = |(k, s): (usize, &System)| json!({"system": s.name, "means": by_name(&|own| json!(own.means[k]))});
+        let mut out = json!(self.all);
+        out["means"] = self.all.systems.iter().enumerate().map(means).collect();
+        if self.all.systems.len() == 2 {
+            out["paired"] = by_name(&|own| json!(own.pair)).into();
         }
         out
     }
@@ -280,12 +308,16 @@ impl Comparison {
 
 /// A metric of all systems.
 pub(crate) struct Line {
+    /// Its place among the figures.
+    at: usize,
     name: String,
-    /// As they are shown, a list a system.
-    values: Vec<Vec<f64>>,
+    /// In the unit of tables, as all here.
     pub means: Vec<Mean>,
     /// Which of them are marked.
     pub best: Vec<bool>,
+    over: Over,
+    /// The first of two systems against the second.
+    pair: Option<Paired>,
 }
 
 impl Line {
@@ -296,7 +328,12 @@ impl Line {
             Some(false) => "higher",
             None => "",
         };
-        [Cell::text(headed(self.name.split('@').next().unwrap_or(&self.name), &self.name)), Cell::text(arrow)]
+        [Cell::text(headed(self.metric(), &self.name)), Cell::text(arrow)]
+    }
+
+    /// Its name without that of the preset.
+    fn metric(&self) -> &str {
+        self.name.split('@').next().unwrap_or(&self.name)
     }
 }
 
@@ -359,6 +396,8 @@ fn shown(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
+    use riglab_metric::Measure;
+
     use super::*;
     use crate::Row;
 
@@ -393,7 +432,7 @@ mod tests {
                 system("two", &[Some(0.3), Some(f64::NAN), Some(0.5)]),
             ],
         };
-        let tables = comparison.tables(&Preset::ALL);
+        let tables = comparison.summary(&Preset::ALL).tables();
         assert_eq!(tables.len(), 1);
         let cells = &tables[0].rows[0];
         let texts: Vec<&str> = cells.iter().map(|c| c.text.as_str()).collect();
@@ -401,12 +440,16 @@ mod tests {
         assert!(!cells[2].strong && !cells[5].strong, "they are over different assets");
         assert!(tables[0].note.contains("No mean is marked") && tables[0].note.contains("--failures worst"));
         // It is no advice to who did so.
-        let worst = Comparison { failures: Failures::Worst, ..comparison.clone() }.tables(&Preset::ALL).remove(0).note;
+        let worst = Comparison { failures: Failures::Worst, ..comparison.clone() }
+            .summary(&Preset::ALL)
+            .tables()
+            .remove(0)
+            .note;
         assert!(worst.contains("No mean is marked") && !worst.contains("--failures"), "{worst}");
         // Both are defined on the first asset alone.
         assert_eq!(texts[8], "-20.00");
         assert_eq!(comparison.counts().rows[0][5].text, "1");
-        let json = comparison.to_json(&Preset::ALL);
+        let json = comparison.summary(&Preset::ALL).to_json();
         assert_eq!(
             (json["paired"]["j2j@rignet"]["n"].as_u64(), json["means"][0]["means"]["j2j@rignet"]["n"].as_u64()),
             (Some(1), Some(2))
@@ -415,7 +458,7 @@ mod tests {
         // A program reads what the preset prints.
         assert_eq!(json["systems"][0]["rows"][0]["measures"]["j2j@rignet"], 0.1);
         let of = |whole| {
-            let assets = comparison.assets(&Preset::ALL, whole);
+            let assets = comparison.summary(&Preset::ALL).assets(whole);
             assert_eq!(assets.head.last().map(String::as_str), Some("notes"));
             (assets.head[5].clone(), assets.rows[0][5].text.clone(), assets.note)
         };
@@ -429,7 +472,7 @@ mod tests {
         let of = |systems: &[&[Option<f64>]]| {
             let systems = systems.iter().enumerate().map(|(k, values)| system(&format!("s{k}"), values)).collect();
             let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
-            let table = all.tables(&Preset::ALL).remove(0);
+            let table = all.summary(&Preset::ALL).tables().remove(0);
             let apart = if all.systems.len() > 2 { 1 } else { 3 };
             let means = table.rows[0].iter().skip(2).step_by(apart).take(all.systems.len());
             (means.map(|c| c.strong).collect::<Vec<bool>>(), table.note)
@@ -449,7 +492,7 @@ mod tests {
             let named = |(k, mean): (usize, &f64)| system(&format!("s{k}"), &[Some(*mean)]);
             let systems = means.iter().enumerate().map(named).collect();
             let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
-            let table = all.tables(&Preset::ALL).remove(0);
+            let table = all.summary(&Preset::ALL).tables().remove(0);
             [2, 3, 4].map(|column| table.rows[0][column].strong)
         };
         assert_eq!(strong([0.0, 3.8e-17, -1e-13]), [false; 3]);
@@ -473,7 +516,7 @@ mod tests {
         failed.rows.iter_mut().for_each(|row| row.status = Status::Missing);
         let systems = vec![system("one", &[Some(0.3), Some(0.4)]), failed];
         let all = Comparison { truth: "t".into(), failures: Failures::Worst, unread_truth: Vec::new(), systems };
-        let table = all.tables(&Preset::ALL).remove(0);
+        let table = all.summary(&Preset::ALL).tables().remove(0);
         assert!(table.rows[0][2].strong && !table.rows[0][5].strong);
     }
 
@@ -491,7 +534,7 @@ mod tests {
                 system.rows[0].measures.push(Measure { metric: "iou", preset, value });
             }
             let all = Comparison { truth: "t".into(), failures: Failures::Apart, unread_truth: Vec::new(), systems };
-            let table = all.tables(&Preset::ALL).remove(0);
+            let table = all.summary(&Preset::ALL).tables().remove(0);
             let strong: Vec<bool> = table.rows.iter().flatten().filter(|c| c.strong).map(|c| c.number).collect();
             (strong.len(), table.rows[0][1].text.clone(), table.note)
         };
@@ -510,14 +553,18 @@ mod tests {
             let systems = vec![system("one", &[Some(0.1), None])];
             Comparison { truth: "t".into(), failures, unread_truth: Vec::new(), systems }
         };
-        let note = |failures| of(failures).tables(&Preset::ALL)[0].note.clone();
+        let note = |failures| of(failures).summary(&Preset::ALL).tables()[0].note.clone();
         assert_eq!(note(Failures::Worst), format!("{SAID}. Without failed and missing assets: j2j"));
         // Of two failures one has it, and of the other no system has: the asset has no such thing.
         let mut other = system("two", &[Some(0.3), None, Some(0.2)]);
         other.rows[2].status = Status::Missing;
         let systems = vec![system("one", &[Some(0.1), None, Some(0.4)]), other];
         let both = Comparison { systems, ..of(Failures::Worst) };
-        assert!(!both.tables(&Preset::ALL)[0].note.contains("Without"), "{}", both.tables(&Preset::ALL)[0].note);
+        assert!(
+            !both.summary(&Preset::ALL).tables()[0].note.contains("Without"),
+            "{}",
+            both.summary(&Preset::ALL).tables()[0].note
+        );
         assert_eq!(note(Failures::Apart), SAID);
     }
 

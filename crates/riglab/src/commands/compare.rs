@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
-use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, System, Truths, score};
+use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Summary, System, Truths, score};
 use riglab_metric::{Preset, SkinBaseline};
 use riglab_report::Table;
 use riglab_train::Progress;
@@ -119,7 +119,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         tell!("{}", whole(args, &files));
     }
     let presets = if args.presets.is_empty() { &Preset::ALL[..] } else { &args.presets };
-    args.forms.write(&files, |form| text(args, form, &comparison, presets, &published))?;
+    let summary = comparison.summary(presets);
+    args.forms.write(&files, |form| text(args, form, &comparison, &summary, &published))?;
     // Baselines are always scored; they count where nothing else is asked for.
     let alone = comparison.systems.iter().all(|s| s.baseline);
     let any = comparison.systems.iter().any(|s| (alone || !s.baseline) && s.counts()[0] > 0);
@@ -127,14 +128,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 /// What was asked for, in a form.
-fn text(args: &Args, form: Form, comparison: &Comparison, presets: &[Preset], published: &[Table]) -> Result<String> {
+fn text(args: &Args, form: Form, comparison: &Comparison, summary: &Summary, published: &[Table]) -> Result<String> {
     match form {
-        Form::Json => return Ok(serde_json::to_string_pretty(&comparison.to_json(presets))? + "\n"),
-        Form::Csv => return Ok(comparison.assets(presets, true).to_csv()),
+        Form::Json => return Ok(serde_json::to_string_pretty(&summary.to_json())? + "\n"),
+        Form::Csv => return Ok(summary.assets(true).to_csv()),
         _ => {}
     }
     let mut tables = vec![comparison.counts()];
-    tables.extend(if args.assets { vec![comparison.assets(presets, false)] } else { comparison.tables(presets) });
+    tables.extend(if args.assets { vec![summary.assets(false)] } else { summary.tables() });
     tables.extend_from_slice(published);
     let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
     form.of(tables, "Comparison", &format!("{} against {}", names.join(", "), comparison.truth))

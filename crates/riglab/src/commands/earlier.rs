@@ -212,8 +212,8 @@ mod tests {
         let forms =
             [Table::to_text, Table::to_markdown, Table::to_latex].map(|form: fn(&Table) -> String| form(&all.counts()));
         assert!(forms.iter().all(|text| may(text, Written::Comparison)), "{forms:?}");
-        assert!(may(all.assets(&[], true).to_csv(), Written::Comparison));
-        assert!(may(all.to_json(&[]).to_string(), Written::Comparison));
+        assert!(may(all.summary(&[]).assets(true).to_csv(), Written::Comparison));
+        assert!(may(all.summary(&[]).to_json().to_string(), Written::Comparison));
         let page = |heading: &str| {
             let blocks = vec![Block::Heading(heading.into()), Block::Table(all.counts())];
             Page { title: "t".into(), subtitle: "s".into(), blocks }
