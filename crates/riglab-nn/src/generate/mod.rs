@@ -97,19 +97,18 @@ impl GenerateConfig {
         if self.beams == 1 { self.clone() } else { Self { tokens: self.tokens, ..Self::default() } }
     }
 
-    /// What it changes about the distribution of draws, so many for each prompt, in words: empty where nothing, or
-    /// where nothing is drawn.
+    /// What it changes about what is drawn, so many for each prompt, in words: empty where nothing. What only tokens that
+    /// are sampled hang on is left out where the likeliest are taken.
     pub fn draws(&self, each: usize) -> String {
         let plain = Self::default();
         let mut words = Vec::new();
         let mut say = |changed: bool, text: String| words.extend(changed.then_some(text));
+        let drawn = self.sample || each > 1;
         say(self.beams > 1, format!("{} beams", self.beams));
-        if !self.sample && each == 1 {
-            return words.join(", ");
-        }
-        say(self.temperature != plain.temperature, format!("temperature {}", self.temperature));
-        say(self.top_k != plain.top_k, format!("top-k {}", self.top_k));
-        say(self.top_p != plain.top_p, format!("top-p {}", self.top_p));
+        say(drawn && self.temperature != plain.temperature, format!("temperature {}", self.temperature));
+        say(drawn && self.top_k != plain.top_k, format!("top-k {}", self.top_k));
+        say(drawn && self.top_p != plain.top_p, format!("top-p {}", self.top_p));
+        // The likeliest tokens are those of penalised scores, too.
         let penalty = self.repetition_penalty;
         say(penalty != plain.repetition_penalty, format!("repetition penalty {penalty}"));
         words.join(", ")
@@ -197,5 +196,8 @@ mod tests {
         assert_eq!(beams.while_training(), plain_of(&beams));
         let sampled = GenerateConfig { beams: 1, ..beams };
         assert_eq!(sampled.while_training(), sampled);
+        let punished = GenerateConfig { repetition_penalty: 1.5, ..sampled };
+        assert_eq!(punished.draws(1), "repetition penalty 1.5");
+        assert_eq!(punished.draws(2), "temperature 0.8, top-p 0.95, repetition penalty 1.5");
     }
 }

@@ -70,7 +70,7 @@ pub enum Imported {
 }
 
 impl Imported {
-    /// How it draws, where that is not by the likeliest tokens.
+    /// How it draws, where that is not simply by the likeliest tokens.
     pub fn draws(&self) -> Option<String> {
         let how = match self {
             Self::Skeleton(config, _) => &config.eval.generate,
