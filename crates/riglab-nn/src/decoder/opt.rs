@@ -5,7 +5,7 @@ use tch::{Device, Kind, Tensor};
 
 use super::kernels::Panels;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
-use super::{Cache, Packed};
+use super::{Cache, Packed, spread};
 use crate::layers::{LayerNorm, Linear, affine, dropped, mix};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
@@ -28,10 +28,10 @@ pub struct OptConfig {
     pub positions: usize,
     /// Share of activations dropped in training, after attention and feed-forward layer.
     pub dropout: f64,
-    /// Standard deviation of weights at the start.
+    /// Standard deviation of weights at the start. Above 0: [`super::STDS`].
     pub init_std: f64,
-    /// A token whose input embedding is not trained: 1 in the released models, which take it for the
-    /// padding of OPT though it is a coordinate.
+    /// A token, one of the vocabulary's, whose input embedding is not trained: 1 in the released models, which take it for
+    /// the padding of OPT though it is a coordinate.
     pub frozen_token: Option<u32>,
 }
 
@@ -69,9 +69,7 @@ impl OptConfig {
         if !(0.0..1.0).contains(&self.dropout) {
             return bad("dropout", format!("({}) must be at least 0 and less than 1", self.dropout));
         }
-        if !(0.0..=1.0).contains(&self.init_std) {
-            return bad("init_std", format!("({}) must lie in [0, 1]", self.init_std));
-        }
+        spread(self.init_std).map_err(|why| ("init_std", why))?;
         Ok(())
     }
 }
@@ -287,7 +285,7 @@ mod tests {
     #[test]
     fn weights_begin_with_a_spread() {
         let of = |init_std| OptConfig { init_std, ..OptConfig::default() }.validate().map_err(|(key, _)| key);
-        assert_eq!([of(0.0), of(0.25)], [Ok(()); 2]);
-        assert_eq!([of(-0.02), of(f64::NAN), of(1e6)], [Err("init_std"); 3]);
+        assert_eq!([of(1e-6), of(0.25)], [Ok(()); 2]);
+        assert_eq!([of(0.0), of(1e-50), of(-0.02), of(f64::NAN), of(1e6)], [Err("init_std"); 5]);
     }
 }

@@ -8,7 +8,7 @@ use tch::{Device, Kind, Tensor};
 use super::kernels::Panels;
 use super::rotary::Angles;
 use super::steps::{LayerWeights, Norm, Sizes, Steps, floats};
-use super::{Cache, Packed};
+use super::{Cache, Packed, spread};
 use crate::layers::{Linear, RmsNorm, affine, dropped, mix, shared_heads};
 use crate::params::{Init, ParamId, Role, Scope, Weights};
 
@@ -36,7 +36,7 @@ pub struct QwenConfig {
     pub positions: usize,
     /// Share of activations dropped in training, after attention and feed-forward layer; Qwen3: 0.
     pub dropout: f64,
-    /// Standard deviation of weights at the start.
+    /// Standard deviation of weights at the start. Above 0: [`super::STDS`].
     pub init_std: f64,
 }
 
@@ -95,10 +95,7 @@ impl QwenConfig {
         if !(0.0..=1.0).contains(&self.rms_eps) {
             return Err(("rms_eps", format!("rms_eps = {} must lie in [0, 1]", self.rms_eps)));
         }
-        if !(0.0..=1.0).contains(&self.init_std) {
-            return Err(("init_std", format!("init_std = {} must lie in [0, 1]", self.init_std)));
-        }
-        Ok(())
+        spread(self.init_std).map_err(|why| ("init_std", why))
     }
 }
 
@@ -363,9 +360,10 @@ mod tests {
             c.validate().map_err(|(key, _)| key)
         };
         assert_eq!(of(|_| ()), Ok(()));
-        assert_eq!(of(|c| (c.rms_eps, c.init_std) = (0.0, 0.0)), Ok(()));
+        assert_eq!(of(|c| (c.rms_eps, c.init_std) = (0.0, 1e-6)), Ok(()));
         assert_eq!([of(|c| c.rms_eps = -1e-6), of(|c| c.rms_eps = f64::NAN)], [Err("rms_eps"); 2]);
-        assert_eq!([of(|c| c.init_std = -0.02), of(|c| c.init_std = 20.0)], [Err("init_std"); 2]);
+        let stds = [of(|c| c.init_std = -0.02), of(|c| c.init_std = 0.0), of(|c| c.init_std = 20.0)];
+        assert_eq!(stds, [Err("init_std"); 3]);
         assert_eq!(of(|c| c.dropout = 1.0), Err("dropout"));
     }
 
