@@ -4,7 +4,7 @@ use riglab_augment::Recipe;
 use riglab_geom::CloudConfig;
 use riglab_nn::generate::GenerateConfig;
 use riglab_nn::skeleton::SkeletonModelConfig;
-use riglab_token::{Limits, Parents, TokenizerConfig};
+use riglab_token::{Limits, Parents, TokenizerConfig, Vocabulary};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
 
@@ -156,6 +156,12 @@ impl SkeletonTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
+        let ids = Vocabulary::new(&self.tokenizer).len();
+        if let Some(token) = self.model.decoder.frozen_token.filter(|token| *token as usize >= ids) {
+            let message =
+                format!("{token} is no token of the tokenizer: it has 0 to {}; leave it out to freeze none", ids - 1);
+            return bad("model.decoder.frozen_token", message);
+        }
         self.eval.agreement().validate().map_err(|(key, message)| (key.to_owned(), message))?;
         weights(&[("loss.next", self.loss.next), ("loss.distance", self.loss.distance)])?;
         if self.loss.next == 0.0 && self.loss.distance == 0.0 {
@@ -177,4 +183,21 @@ impl TaskSettings for SkeletonTaskConfig {
     const TASK: &'static str = "unirig_skeleton";
 
     own_settings!();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_frozen_token_is_one_of_the_vocabulary() {
+        let ids = Vocabulary::new(&TokenizerConfig::default()).len() as u32;
+        let of = |token| {
+            let mut c = SkeletonTaskConfig::default();
+            c.model.decoder.frozen_token = token;
+            c.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([None, Some(1), Some(ids - 1)].map(of), [Ok(()), Ok(()), Ok(())]);
+        assert_eq!(of(Some(ids)), Err("model.decoder.frozen_token".into()));
+    }
 }
