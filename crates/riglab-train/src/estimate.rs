@@ -152,7 +152,7 @@ fn memory<T: Task>(
         memory.push(("weights in bfloat16".into(), mb(2 * all)));
     }
     // Those of bfloat16 weights come as such, and are widened one by one.
-    let sets = stepper.sides();
+    let sets = stepper.sets();
     memory.push(("gradients".into(), mb(sets * if half && config.accumulate == 1 { 2 } else { 4 } * learnt)));
     memory.push(("optimizer".into(), mb(kept)));
     if stepper.ema.is_some() {

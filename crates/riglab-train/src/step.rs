@@ -72,6 +72,12 @@ impl<'a, T: Task> Stepper<'a, T> {
         self.hands.sides()
     }
 
+    /// Sets of gradients that there are at once at most: those of batches that are computed beside each other, and the sums
+    /// that wait for theirs.
+    pub fn sets(&self) -> usize {
+        most_sets(self.deal.each(), self.sides() as u64)
+    }
+
     /// The weights that count: the moving average, where there is one.
     pub fn weights<'b>(&'b self, params: &'b Params) -> &'b Weights {
         self.ema.as_ref().map_or(params.weights(), Ema::weights)
@@ -141,6 +147,18 @@ impl<'a, T: Task> Stepper<'a, T> {
         }
         Ok(Stepped { total, values, taken: stats.taken })
     }
+}
+
+/// See [`Stepper::sets`]; of so many batches a step, as many at a time as there are sides.
+fn most_sets(batches: u64, sides: u64) -> usize {
+    let (mut waiting, mut most) = (0, 0);
+    for k in 0..batches {
+        if k % sides == 0 {
+            most = most.max(waiting + (batches - k).min(sides) as usize);
+        }
+        waiting = waiting + 1 - folds(batches, k);
+    }
+    most
 }
 
 /// The share of a batch's loss, and what is told of it.
@@ -227,6 +245,14 @@ mod tests {
 
     fn batch(values: &[(&str, f64)]) -> Values {
         values.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect()
+    }
+
+    #[test]
+    fn a_sum_waits_for_each_halving() {
+        assert_eq!([1, 2, 4, 16].map(|batches| most_sets(batches, 1)), [1, 2, 3, 5]);
+        // Two that are computed at once are one sum before the next two.
+        assert_eq!([2, 4, 16].map(|batches| most_sets(batches, 2)), [2, 3, 5]);
+        assert_eq!([(3, 2), (5, 3), (4, 4)].map(|(batches, sides)| most_sets(batches, sides)), [3, 4, 4]);
     }
 
     #[test]
