@@ -116,6 +116,11 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
         assert!(done.status.success());
         String::from_utf8(done.stderr).unwrap()
     };
+    let ended = || {
+        let info: serde_json::Value = serde_json::from_str(&read(&short, "run.json")).unwrap();
+        ["ended", "outcome", "seconds"].map(|key| info[key].clone())
+    };
+    let as_it_ended = ended();
     let several = std::thread::available_parallelism().is_ok_and(|n| n.get() > 1);
     assert_eq!(on(&[]).contains("note: it goes on with 1 thread, as it was begun"), several);
     // One that is done computes nothing on others, and stays what it is.
@@ -127,6 +132,16 @@ fn an_extended_run_is_the_longer_one_where_nothing_follows_from_its_length() {
     let told = extend(&short, "8");
     assert!(!told.contains("extended") && !told.contains("training:"), "{told}");
     assert!(told.contains("all its 8 steps are done") && told.contains("'train.steps=16'` trains longer"), "{told}");
+    // Nor has it failed where it could not be read.
+    let hidden = |name: &str| {
+        let steps = fs::read_dir(short.join("checkpoints")).unwrap().map(|e| e.unwrap().path());
+        steps.filter(|path| !path.is_symlink()).map(|path| path.join(name)).collect::<Vec<_>>()
+    };
+    let (state, aside) = (hidden("optimizer.safetensors"), hidden("aside"));
+    state.iter().zip(&aside).for_each(|(file, aside)| fs::rename(file, aside).unwrap());
+    refusal(&mut riglab(&["train", "--resume", text(&short)]));
+    state.iter().zip(&aside).for_each(|(file, aside)| fs::rename(aside, file).unwrap());
+    assert_eq!(ended(), as_it_ended, "nothing was trained");
     let before = read(&short, "config.toml");
     for (set, parts) in [
         ("train.seed=1", ["a run keeps its settings", "`--set train.seed=1`"]),

@@ -154,8 +154,8 @@ impl Checkpoint {
         }
         let steps = logged(&run.path("metrics.jsonl"));
         // A run that is killed early has none yet.
-        let ended = run.info()?.is_some_and(|info| ["finished", "interrupted"].contains(&info.outcome.as_str()));
-        let saved = (config.save_every > 0 && steps > config.save_every) || ended || !store.dir.is_dir();
+        let was_saved = run.info()?.is_some_and(|info| info.was_saved());
+        let saved = (config.save_every > 0 && steps > config.save_every) || was_saved || !store.dir.is_dir();
         if steps == 0 || !saved {
             return Ok(None);
         }
@@ -531,6 +531,15 @@ mod tests {
         assert_eq!(latest(&rarely), Ok(false));
         run.write_info(&crate::RunInfo { outcome: "finished".into(), ..Default::default() }).unwrap();
         assert!(latest(&rarely).is_err(), "its last step is saved in any case");
+        // Killed after it was begun anew, or after it went on.
+        let went_on = |steps: u64| {
+            let mut info = crate::RunInfo { outcome: "interrupted".into(), ..Default::default() };
+            info.go_on(steps, crate::RunInfo::default());
+            run.write_info(&info).unwrap();
+            latest(&rarely)
+        };
+        assert_eq!(went_on(0), Ok(false));
+        assert!(went_on(4).is_err());
         // One that nobody can read.
         fs::create_dir_all(run.path("checkpoints/step-00000004")).unwrap();
         let said = latest(&rarely).unwrap_err();

@@ -103,6 +103,9 @@ pub enum Resumed {
         ranks: usize,
         /// As [`RunInfo::device`].
         device: String,
+        /// Steps that were saved by then; 0 where an earlier version noted it.
+        #[serde(default)]
+        steps: u64,
     },
 }
 
@@ -260,10 +263,30 @@ impl RunInfo {
         }
     }
 
-    /// Notes that the run goes on with what `now` tells.
-    pub fn go_on(&mut self, now: Self) {
+    /// Notes that the run goes on after so many steps that were saved, with what `now` tells.
+    pub fn go_on(&mut self, steps: u64, now: Self) {
         let Self { riglab, libtorch, commit, machine, threads, ranks, device, started: at, .. } = now;
-        self.resumed.push(Resumed::With { at, riglab, libtorch, commit, machine, threads, ranks, device });
+        self.resumed.push(Resumed::With { at, riglab, libtorch, commit, machine, threads, ranks, device, steps });
+        self.reopen();
+    }
+
+    /// It is not what it ended as any more: if it is killed, that must not stand there.
+    fn reopen(&mut self) {
+        self.ended.clear();
+        self.outcome.clear();
+    }
+
+    /// Whether it came to its end, or was put here as it is: that stays unless it goes on.
+    pub fn is_over(&self) -> bool {
+        ["finished", "imported", "exported"].contains(&self.outcome.as_str())
+    }
+
+    /// Whether it had a checkpoint at some time, as far as is noted: one that ended by itself, or went on from one.
+    pub(crate) fn was_saved(&self) -> bool {
+        let from = |resumed: &Resumed| matches!(resumed, Resumed::With { steps, .. } if *steps > 0);
+        ["finished", "interrupted"].contains(&self.outcome.as_str())
+            || self.resumed.iter().any(from)
+            || self.extended.iter().any(|extended| extended.at > 0)
     }
 
     /// Notes that the run, after `at` steps, is given `to` of them; `alike`: whether it was the same until then as one of so
@@ -272,8 +295,7 @@ impl RunInfo {
         let as_from_start = alike && self.extended.iter().all(|e| e.as_from_start);
         self.extended.push(Extended { when: now(), at, from: self.steps, to, as_from_start });
         self.steps = to;
-        // It is not what it ended as any more.
-        self.outcome.clear();
+        self.reopen();
     }
 
     /// Whether it ran on the same device with the same threads whenever it went on, so that its sums round alike.
@@ -399,13 +421,16 @@ mod tests {
         let run = Run::create(dir.path(), "").unwrap();
         let mut info = RunInfo::new("1", "t", 2, "cpu");
         info.resumed.push(Resumed::When("2026-01-01T00:00:00Z".into()));
-        info.go_on(RunInfo { ranks: 3, ..RunInfo::new("2", "t", 8, "cuda:0") });
+        (info.ended, info.outcome) = ("2026-01-02T00:00:00Z".into(), "interrupted".into());
+        info.go_on(7, RunInfo { ranks: 3, ..RunInfo::new("2", "t", 8, "cuda:0") });
         run.write_info(&info).unwrap();
         let read = run.info().unwrap().unwrap();
+        // Were it killed now, it would not be as it was left before.
+        assert!(read.ended.is_empty() && read.outcome.is_empty() && read.was_saved());
         assert_eq!((read.riglab.as_str(), read.threads, read.device.as_str()), ("1", 2, "cpu"));
         assert_eq!(read.resumed, info.resumed);
-        let Resumed::With { riglab, threads, ranks, device, .. } = &read.resumed[1] else { panic!("with what") };
-        assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str()), ("2", 8, 3, "cuda:0"));
+        let Resumed::With { riglab, threads, ranks, device, steps, .. } = &read.resumed[1] else { panic!("with what") };
+        assert_eq!((riglab.as_str(), *threads, *ranks, device.as_str(), *steps), ("2", 8, 3, "cuda:0", 7));
     }
 
     #[test]

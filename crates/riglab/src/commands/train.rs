@@ -421,9 +421,10 @@ impl Visitor for Session<'_> {
         let mut info = match noted {
             Some(mut info) => {
                 if goes_on {
-                    info.go_on(now);
+                    let saved = saved.unwrap_or(0);
+                    info.go_on(saved, now);
+                    begun.extend(longer::note(&task, config.train(), saved, &mut info));
                 }
-                begun.extend(longer::note(&task, config.train(), saved.unwrap_or(0), &mut info));
                 info
             }
             None => now,
@@ -431,10 +432,9 @@ impl Visitor for Session<'_> {
         info.data = data;
         info.companions = task.companions();
         info.parameters = task.params().numel();
-        info.ended.clear();
         run.write_info(&info)?;
         let steps = config.train().steps;
-        if resumed && saved.is_some_and(|done| done >= steps) {
+        if !goes_on {
             let longer = ["train", "--resume", &shown(run.dir()), "--set", &format!("train.steps={}", 2 * steps)];
             tell!("note: all its {} are done; `{}` trains longer", counted(steps as usize, "step"), command(longer));
         }
@@ -458,15 +458,20 @@ impl Visitor for Session<'_> {
         let guard = (!resumed).then(|| Guard::of_first_step(&run));
         let start = Instant::now();
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
-        info.seconds += start.elapsed().as_secs_f64();
         drop(guard);
-        info.ended = RunInfo::now();
-        info.outcome = match &outcome {
-            Ok(o) if o.ended == Ended::Finished => "finished".into(),
-            Ok(_) => "interrupted".into(),
-            Err(e) => e.to_string(),
-        };
-        run.write_info(&info)?;
+        // Of one that is over, nothing has happened.
+        if goes_on || !info.is_over() {
+            if goes_on {
+                info.seconds += start.elapsed().as_secs_f64();
+            }
+            info.ended = RunInfo::now();
+            info.outcome = match &outcome {
+                Ok(o) if o.ended == Ended::Finished => "finished".into(),
+                Ok(_) => "interrupted".into(),
+                Err(e) => e.to_string(),
+            };
+            run.write_info(&info)?;
+        }
         let outcome = outcome.with_context(|| format!("in {}", run.dir().display()))?;
         if outcome.skipped > 0 {
             let were = if outcome.skipped == 1 { "was" } else { "were" };
