@@ -221,13 +221,19 @@ impl Rigger {
     }
 
     fn draw_until(&self, asked: Draws<'_>, streams: &mut [Stream]) -> Result<Vec<RigSample>, String> {
-        let c = &self.config;
-        let most = rows_at_once(c.eval.rows, bytes_of_row(&c.model.decoder, c.longest(), asked.w.kind()));
+        let most = self.most_at_once(asked.w, asked.seen);
         // Beams are of one row after another.
         if asked.how.beams > 1 || asked.prompts.len() <= most {
             return self.draw_at_once(asked, streams);
         }
         self.draw_in_runs(most, asked, streams)
+    }
+
+    /// How many rows are drawn at once.
+    fn most_at_once(&self, w: &Weights, seen: &Condition) -> usize {
+        let c = &self.config;
+        let longest = seen.prefix().size()[1] as usize + c.longest();
+        rows_at_once(c.eval.rows, bytes_of_row(&c.model.decoder, longest, w.kind()))
     }
 
     /// So many at a time.
@@ -380,7 +386,7 @@ impl Rigger {
     }
 }
 
-/// Bytes of the keys and values of a row of so many tokens.
+/// Bytes of the keys and values of a row of so many tokens, those of its shape with them.
 fn bytes_of_row(decoder: &QwenConfig, tokens: usize, kind: Kind) -> usize {
     2 * decoder.layers * decoder.kv_heads * decoder.head_width * tokens * kind.elt_size_in_bytes()
 }
@@ -477,6 +483,9 @@ mod tests {
             let of = |all: Vec<RigSample>| all.into_iter().map(|d| (d.ids, d.codes)).collect::<Vec<_>>();
             assert_eq!(of(draw(2)), of(draw(5)));
         }
+        // The four tokens of a shape have keys and values, too: of two layers, with one head of eight.
+        let row = 2 * 2 * 8 * (4 + rigger.config.longest()) * 4;
+        assert_eq!(rigger.most_at_once(w, &rigger.condition(w, &shapes[..1])), (1 << 30) / row);
         assert_eq!([rows_at_once(32, 1 << 25), rows_at_once(8, 1 << 26), rows_at_once(0, usize::MAX)], [32, 16, 1]);
     }
 
