@@ -25,11 +25,25 @@ pub(crate) fn streams(seed: u64, keys: impl Iterator<Item = u64>, each: usize) -
     keys.flat_map(|key| (0..each as u64).map(move |k| [key, k])).map(|index| of(&index)).collect()
 }
 
-/// Prefixes [s · b, p, d], each as often as its place among the s clouds of a mesh is drawn after.
-fn repeated(prefix: &Tensor, shares: &[usize]) -> Tensor {
-    let rows = 0..prefix.size()[0];
-    let rows: Vec<i64> = rows.zip(shares.iter().cycle()).flat_map(|(row, &n)| std::iter::repeat_n(row, n)).collect();
-    prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device()))
+/// Which prefix each draw is after, of prefixes [b, p, d]: all after one, or each after its own.
+pub(crate) fn each(prefix: &Tensor, draws: usize) -> Vec<usize> {
+    if prefix.size()[0] == 1 { vec![0; draws] } else { (0..draws).collect() }
+}
+
+/// The same of prefixes [s · b, p, d], each of which is drawn after as often as its place among the s clouds of a mesh says.
+fn shared(prefix: &Tensor, shares: &[usize]) -> Vec<usize> {
+    let rows = (0..prefix.size()[0] as usize).zip(shares.iter().cycle());
+    rows.flat_map(|(row, &n)| std::iter::repeat_n(row, n)).collect()
+}
+
+/// Those prefixes alone that are drawn after, and which of them each draw is after.
+fn needed(prefix: &Tensor, of: &[usize]) -> (Tensor, Vec<usize>) {
+    let mut rows = of.to_vec();
+    rows.sort_unstable();
+    rows.dedup();
+    let places = of.iter().map(|row| rows.partition_point(|other| other < row)).collect();
+    let rows: Vec<i64> = rows.into_iter().map(|row| row as i64).collect();
+    (prefix.index_select(0, &Tensor::from_slice(&rows).to_device(prefix.device())), places)
 }
 
 /// The strict grammar, for a decoder.
@@ -176,10 +190,10 @@ impl Drawer<'_> {
             let how = (&c.sampling.cloud, &c.model.shape);
             agreement.shapes(how, mesh, (c.eval.seed, *key), shares.len(), &mut shapes);
         }
-        let prefix = repeated(&self.prefix_of(w, &shapes), &shares);
+        let prefix = self.prefix_of(w, &shapes);
         let mut streams = streams(c.eval.seed, meshes.iter().map(|(_, key)| *key), agreement.draws);
         let how = GenerateConfig { sample: true, ..c.eval.generate.clone() };
-        self.draw_told(w, &prefix, &mut streams, &how, likelihood)
+        self.draw_told(w, (&prefix, &shared(&prefix, &shares)), &mut streams, &how, likelihood)
     }
 
     /// Of the draws for a mesh the one that the others agree with most; the first where none is a skeleton.
@@ -213,7 +227,7 @@ impl Drawer<'_> {
         self.net.condition(w, &cloud, &picks)
     }
 
-    /// Draws a skeleton after each prefix [b, p, d], each by its stream.
+    /// Draws a skeleton by each stream, after a prefix of its own of [b, p, d], or all after the only one.
     ///
     /// # Errors
     /// As [`Self::draw`].
@@ -224,15 +238,15 @@ impl Drawer<'_> {
         streams: &mut [Stream],
         generate: &GenerateConfig,
     ) -> Result<Vec<SkeletonSample>, String> {
-        self.draw_told(w, prefix, streams, generate, None)
+        self.draw_told(w, (prefix, &each(prefix, streams.len())), streams, generate, None)
     }
 
-    /// As [`Self::draw_with`]; `likelihood` is given the sum of log-probabilities of what was drawn of each, and of how
+    /// As [`Self::draw_with`], each after the prefix that `of` names; `likelihood` is given the sum of log-probabilities of what was drawn of each, and of how
     /// many tokens: with beams those of the processed scores, which they are compared by.
     pub(crate) fn draw_told(
         &self,
         w: &Weights,
-        prefix: &Tensor,
+        (prefix, of): (&Tensor, &[usize]),
         streams: &mut [Stream],
         generate: &GenerateConfig,
         mut likelihood: Option<&mut [(f64, usize)]>,
@@ -251,10 +265,9 @@ impl Drawer<'_> {
             SkeletonSample { decoded: self.tokenizer.decode(&ids), ids }
         };
         if config.beams > 1 {
-            let shared = prefix.size()[0] == 1;
             let mut all = Vec::with_capacity(streams.len());
             for (row, random) in streams.iter_mut().enumerate() {
-                let own = prefix.narrow(0, if shared { 0 } else { row as i64 }, 1);
+                let own = prefix.narrow(0, of[row] as i64, 1);
                 let mut cache = self.net.start(w, &own, tokens as i64);
                 cache.select(&vec![0; config.beams]);
                 let mut reader = Reader { net: self.net, weights: w, cache };
@@ -271,20 +284,13 @@ impl Drawer<'_> {
             }
             return Ok(all);
         }
-        let decoder = &self.config.model.decoder;
-        let bytes = 2 * decoder.layers * decoder.width * tokens * w.kind().elt_size_in_bytes();
-        let most = rows_at_once(self.config.eval.rows, bytes);
+        let most = self.rows_at_once(w, prefix, tokens);
         if streams.len() > most {
-            let (mut all, shared) = (Vec::with_capacity(streams.len()), prefix.size()[0] == 1);
-            for (run, streams) in streams.chunks_mut(most).enumerate() {
-                let (at, count) = (run * most, streams.len());
-                let own = if shared { prefix.shallow_clone() } else { prefix.narrow(0, at as i64, count as i64) };
-                let told = likelihood.as_deref_mut().map(|all| &mut all[at..][..count]);
-                all.extend(self.draw_told(w, &own, streams, generate, told)?);
-            }
-            return Ok(all);
+            return self.draw_in_runs(most, w, (prefix, of), streams, generate, likelihood);
         }
-        let cache = self.net.start(w, prefix, tokens as i64);
+        // What several are drawn after is read once.
+        let mut cache = self.net.start(w, prefix, tokens as i64);
+        cache.select(&of.iter().map(|&row| row as i64).collect::<Vec<_>>());
         let mut reader = Reader { net: self.net, weights: w, cache };
         let mut first = Vec::new();
         for &id in &start {
@@ -303,11 +309,97 @@ impl Drawer<'_> {
         })?;
         Ok(all.into_iter().map(whole).collect())
     }
+
+    /// As [`Self::draw_told`], so many at a time.
+    fn draw_in_runs(
+        &self,
+        most: usize,
+        w: &Weights,
+        (prefix, of): (&Tensor, &[usize]),
+        streams: &mut [Stream],
+        generate: &GenerateConfig,
+        mut likelihood: Option<&mut [(f64, usize)]>,
+    ) -> Result<Vec<SkeletonSample>, String> {
+        let mut all = Vec::with_capacity(streams.len());
+        for (streams, of) in streams.chunks_mut(most).zip(of.chunks(most)) {
+            let (own, of) = needed(prefix, of);
+            let told = likelihood.as_deref_mut().map(|told| &mut told[all.len()..][..streams.len()]);
+            all.extend(self.draw_told(w, (&own, &of), streams, generate, told)?);
+        }
+        Ok(all)
+    }
+
+    /// How many rows of so many tokens behind a prefix are drawn at once.
+    fn rows_at_once(&self, w: &Weights, prefix: &Tensor, tokens: usize) -> usize {
+        let decoder = &self.config.model.decoder;
+        let length = prefix.size()[1] as usize + tokens;
+        rows_at_once(self.config.eval.rows, 2 * decoder.layers * decoder.width * length * w.kind().elt_size_in_bytes())
+    }
 }
+
 /// How many rows are drawn at once where `rows` are asked for, and each has so many bytes of keys and values: more of small
 /// models, whose rows cost next to nothing beside each other.
 pub(crate) fn rows_at_once(rows: usize, bytes: usize) -> usize {
     /// Bytes of keys and values that any machine has.
     const CACHE: usize = 1 << 30;
     rows.max(CACHE / bytes.max(1)).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_nn::params::Params;
+
+    use super::*;
+    use crate::tokenrig::testing::tetrahedron;
+    use crate::unirig_skeleton::SkeletonTask;
+
+    /// A model that has learnt nothing, of the smallest sizes that are drawn from a token at a time.
+    fn untrained() -> (SkeletonTaskConfig, SkeletonModel, Params) {
+        let mut config = SkeletonTaskConfig::default();
+        let (shape, decoder) = (&mut config.model.shape, &mut config.model.decoder);
+        (shape.tokens, shape.drawn, shape.layers, shape.width, shape.heads) = (20, 2, 1, 16, 2);
+        (decoder.width, decoder.layers, decoder.heads, decoder.ffn, decoder.init_std) = (16, 2, 2, 32, 0.3);
+        config.sampling.cloud.points = 64;
+        config.limits = Limits { joints: 12, tokens: 64 };
+        let (net, params) = SkeletonTask::network(&config, Device::Cpu).unwrap();
+        (config, net, params)
+    }
+
+    #[test]
+    fn draws_after_one_prefix_are_those_after_one_each() {
+        let ((config, net, params), mesh) = (untrained(), tetrahedron());
+        let tokenizer = Tokenizer::new(config.tokenizer.clone());
+        let drawer = Drawer { config: &config, tokenizer: &tokenizer, net: &net, device: Device::Cpu };
+        let w = params.weights();
+        let prefix = drawer.prefix_of(w, &drawer.shapes_of(&[(&mesh, 0), (&mesh, 1), (&mesh, 2)]));
+        let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
+        let draw = |most: usize, prefix: &Tensor, of: &[usize]| {
+            let mut streams = streams(0, 0..of.len() as u64, 1);
+            let mut told = vec![(0.0, 0); of.len()];
+            let drawn = drawer.draw_in_runs(most, w, (prefix, of), &mut streams, &how, Some(&mut told)).unwrap();
+            (drawn.into_iter().map(|d| d.ids).collect::<Vec<_>>(), told)
+        };
+        for of in [vec![1; 5], shared(&prefix, &[3, 1, 2]), vec![0, 1, 2]] {
+            let rows: Vec<i64> = of.iter().map(|&row| row as i64).collect();
+            let each = prefix.index_select(0, &Tensor::from_slice(&rows));
+            let (ids, likelihood) = draw(of.len(), &each, &(0..of.len()).collect::<Vec<_>>());
+            for most in [2, of.len()] {
+                let (own, told) = draw(most, &prefix, &of);
+                assert_eq!(own, ids, "{of:?}, {most} at a time");
+                assert!(told.iter().zip(&likelihood).all(|(a, b)| (a.0 - b.0).abs() < 1e-3 && a.1 == b.1), "{told:?}");
+            }
+        }
+        assert_eq!(each(&prefix.narrow(0, 0, 1), 2), [0, 0]);
+    }
+
+    #[test]
+    fn rows_are_counted_with_what_they_are_drawn_after() {
+        let (config, net, params) = untrained();
+        let tokenizer = Tokenizer::new(config.tokenizer.clone());
+        let drawer = Drawer { config: &config, tokenizer: &tokenizer, net: &net, device: Device::Cpu };
+        let prefix = Tensor::zeros([1, 20, 16], (Kind::Float, Device::Cpu));
+        // Keys and values of two layers.
+        let row = 2 * 2 * 16 * (20 + 44) * 4;
+        assert_eq!(drawer.rows_at_once(params.weights(), &prefix, 44), (1 << 30) / row);
+    }
 }

@@ -163,10 +163,10 @@ impl Sketcher {
         let (first, others) = streams.split_at_mut(1);
         let (of_first, of_others) = likelihood.split_at_mut(1);
         let sampled = drawer.config.eval.generate.sample;
-        let mut drawn = drawer.draw_told(w, &prefix, first, &how(sampled), Some(of_first))?;
+        let mut drawn = drawer.draw_told(w, (&prefix, &[0]), first, &how(sampled), Some(of_first))?;
         if !others.is_empty() {
-            let prefix = prefix.expand([others.len() as i64, -1, -1], false).contiguous();
-            drawn.extend(drawer.draw_told(w, &prefix, others, &how(true), Some(of_others))?);
+            let of = vec![0; others.len()];
+            drawn.extend(drawer.draw_told(w, (&prefix, &of), others, &how(true), Some(of_others))?);
         }
         let mean = |at: usize| likelihood[at].0 / likelihood[at].1.max(1) as f64;
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());

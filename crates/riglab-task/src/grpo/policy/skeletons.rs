@@ -18,6 +18,7 @@ use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
 use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::gallery::bound;
+use crate::unirig_skeleton::generate::each;
 use crate::unirig_skeleton::{Batch as Shapes, SkeletonTask, shape_of};
 
 /// Walks the grammar along a sequence whose first `prompt` tokens were given: of each target, whether it was chosen; of
@@ -79,11 +80,9 @@ impl Policy for SkeletonTask {
         streams: &mut [Stream],
     ) -> Result<Vec<RigSample>, String> {
         let _no_grad = tch::no_grad_guard();
-        let rows = streams.len() as i64;
-        let prefix =
-            if prefix.size()[0] == rows { prefix.shallow_clone() } else { prefix.expand([rows, -1, -1], false) };
         let mut likelihood = vec![(0.0, 0); streams.len()];
-        let drawn = self.drawer().draw_told(w, &prefix.contiguous(), streams, how, Some(&mut likelihood))?;
+        let of = each(prefix, streams.len());
+        let drawn = self.drawer().draw_told(w, (prefix, &of), streams, how, Some(&mut likelihood))?;
         let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| RigSample {
             ids: own.ids.iter().map(|&id| i64::from(id)).collect(),
             skeleton: own.ids,
