@@ -24,7 +24,7 @@ fn every_task_gives_the_same_on_one_thread_and_on_two() {
         "sampling.rigs=2",
         &corpora,
     ];
-    // Not `auto`, which asks a busy machine what is faster.
+    // Not `auto`, which is another on another processor.
     let precision = "train.precision='bf16'";
     let decoder = [precision, "model.decoder.layers=2", "model.shape.layers=1", "model.decoder.dropout=0.1"];
     let prior = ["model.extensions.bone_geometry=true", "model.extensions.frame=false", "model.extensions.prior=true"];

@@ -286,7 +286,10 @@ fn threads_and_tables_reach_the_jobs() {
     // Threads of the command line come before those of a file, and get a processor each.
     let base = config(dir.path(), &corpus, "[slurm]\npartition = 'small'\nqos = 'low'\ncpus = 2\n");
     let [run, out, curated] = ["run", "out", "curated.h5"].map(|name| dir.path().join(name));
-    done("3", &["train", text(&base), "--run", text(&run), "--on", "slurm"]);
+    let left = "train.precision='auto'";
+    done("3", &["train", text(&base), "--run", text(&run), "--on", "slurm", "--set", left]);
+    // What is left to the machine is left to the node, not to the one that submits.
+    holds(&run.join("slurm/config.toml"), &["precision = \"auto\""]);
     holds(&run.join("slurm/job-1.sh"), &["--cpus-per-task=3\n", "--qos=low\n", "slurm-task --threads 3 train "]);
     done("3", &["curate", text(&dir.path().join("files")), "-o", text(&curated), "--on", "slurm", "--parts", "2"]);
     let jobs = dir.path().join("curated.curation/slurm");
@@ -295,9 +298,10 @@ fn threads_and_tables_reach_the_jobs() {
     let file = dir.path().join("toy.toml");
     let write =
         |more: &str| fs::write(&file, format!("[sweep]\nbase = '{}'\nseeds = [0]\n{more}", base.display())).unwrap();
-    write("threads = 4\n[slurm]\npartition = 'cpu'\nlook_seconds = 1\n");
+    write("threads = 4\nset = { 'train.precision' = 'auto' }\n[slurm]\npartition = 'cpu'\nlook_seconds = 1\n");
     let sweep = ["sweep", text(&file), "-o", text(&out), "--on", "slurm"];
     done("0", &sweep);
+    holds(&out.join("configs/base/seed-0.toml"), &["precision = \"auto\""]);
     let asked = ["--partition=cpu\n", "--qos=low\n"];
     holds(&out.join("slurm/job-1.sh"), &[&asked[..], &["--cpus-per-task=4\n", "--threads 0 sweep "]].concat());
     done("5", &sweep);

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use riglab_config::{Config, Loader};
-use riglab_train::TrainConfig;
+use riglab_train::{Precision, TrainConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -30,10 +30,9 @@ pub trait TaskSettings: DeserializeOwned + Serialize {
     /// How it trains, to be changed.
     fn train_mut(&mut self) -> &mut TrainConfig;
 
-    /// Decides what is left to this machine: the precision.
-    fn settle(&mut self) {
-        let train = self.train_mut();
-        train.precision = train.precision.resolved();
+    /// What may be left to a machine: precisions, where they are `auto`.
+    fn precisions(&mut self) -> Vec<&mut Precision> {
+        vec![&mut self.train_mut().precision]
     }
 
     /// Finds what the folder of a run holds beside its config.

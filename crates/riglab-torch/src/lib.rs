@@ -37,7 +37,7 @@ pub use parts::{Part, alone, side_by_side, threads_on, with_gradients};
 pub use recompute::{grad_enabled, recompute};
 pub use rows::{gated, has_rows, norm_rows, turned_heads};
 pub use settings::{
-    Autocast, Settings, bf16_is_faster, cpu_capability, device, has_bf16, init, libtorch_version, load_cuda, memory_gb,
+    Autocast, Settings, cpu_capability, device, has_bf16, init, libtorch_version, load_cuda, memory_gb,
     multiplies_bf16, own_generator, rng_state, set_rng_state, wait_patiently,
 };
 pub use tensors::{AdamwStep, foreach_add, foreach_add_scalar, foreach_lerp, foreach_mul, fused_adamw, global_norm};

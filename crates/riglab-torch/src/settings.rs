@@ -122,42 +122,30 @@ pub fn has_bf16() -> bool {
 /// Whether products of matrices in bfloat16 take less time than in f32 on this processor: told by what it is, so that
 /// results do not hang on how busy it is. Without AMX Intel's have a unit for them that is as fast as f32's two, and MKL
 /// is better at f32 (a third to half of the time more in bfloat16, Xeon of the sixth generation); AMD's have twice as fast
-/// ones.
+/// ones. AMX counts where the system keeps its registers, as Linux does since 5.16.
 pub fn multiplies_bf16() -> bool {
     #[cfg(target_arch = "x86_64")]
     {
+        use std::arch::x86_64::{__cpuid, __cpuid_count, _xgetbv};
         const AMX_BF16: u32 = 1 << 22;
+        const TILES: u64 = 0b11 << 17;
         // In a virtual machine it takes a while to ask.
         static FOUND: OnceLock<bool> = OnceLock::new();
         *FOUND.get_or_init(|| {
-            let amd = std::arch::x86_64::__cpuid(0).ecx == u32::from_le_bytes(*b"cAMD");
+            if !has_bf16() {
+                return false;
+            }
+            let amd = __cpuid(0).ecx == u32::from_le_bytes(*b"cAMD");
             // Every processor with AVX-512 knows leaf 7.
-            has_bf16() && (amd || std::arch::x86_64::__cpuid_count(7, 0).edx & AMX_BF16 != 0)
+            // SAFETY: one whose AVX-512 the system lets programs use tells what the system keeps.
+            let amx = __cpuid_count(7, 0).edx & AMX_BF16 != 0 && unsafe { _xgetbv(0) } & TILES == TILES;
+            amd || amx
         })
     }
     #[cfg(not(target_arch = "x86_64"))]
     {
         false
     }
-}
-
-/// Whether products of matrices are clearly faster in bfloat16 here: by timing some.
-pub fn bf16_is_faster() -> bool {
-    let time = |kind: tch::Kind| {
-        let a = tch::Tensor::ones([512, 512], (kind, Device::Cpu));
-        let mut least = f64::INFINITY;
-        // The first product of a size prepares kernels.
-        for round in 0..6 {
-            let start = std::time::Instant::now();
-            let _ = a.matmul(&a);
-            if round > 0 {
-                least = least.min(start.elapsed().as_secs_f64());
-            }
-        }
-        least
-    };
-    // Casts eat some of the gain.
-    time(tch::Kind::Float) > 1.4 * time(tch::Kind::BFloat16)
 }
 
 /// While it lives, CPU ops of this thread compute in bfloat16 where libtorch thinks it safe.

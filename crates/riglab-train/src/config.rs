@@ -84,17 +84,17 @@ pub enum Precision {
     Fp32,
     /// bfloat16 with fp32 master weights: faster where the processor has it.
     Bf16,
-    /// The faster of the two here, by a quick timing when the run is made. The run's config has what
-    /// was chosen, so that resuming elsewhere changes nothing.
+    /// The faster of the two on the processor of the machine that begins the run: told by what that is, as what a timing says
+    /// hangs on how busy it is. The run's config has what was chosen, so that resuming elsewhere changes nothing.
     Auto,
 }
 
 impl Precision {
-    /// What [`Precision::Auto`] comes to on this machine; the others stay.
+    /// What [`Precision::Auto`] comes to on this machine ([`riglab_torch::multiplies_bf16`]); the others stay.
     #[must_use]
     pub fn resolved(self) -> Self {
         match self {
-            Self::Auto if riglab_torch::bf16_is_faster() => Self::Bf16,
+            Self::Auto if riglab_torch::multiplies_bf16() => Self::Bf16,
             Self::Auto => Self::Fp32,
             chosen => chosen,
         }

@@ -10,7 +10,7 @@ use riglab_task::assets::DataConfig;
 use riglab_task::seen::{SeenAssets, warning};
 use riglab_task::settings::TaskSettings;
 use riglab_task::{fsq_cvae, grpo, tokenrig, unirig_skeleton, unirig_skin};
-use riglab_train::TrainConfig;
+use riglab_train::{Precision, TrainConfig};
 use tch::Device;
 
 /// Makes of the list of all tasks what is said for each of them.
@@ -86,7 +86,7 @@ type Shown = (Vec<Block>, Vec<Findings>);
 trait Settings {
     fn train(&self) -> &TrainConfig;
     fn data(&self) -> &DataConfig;
-    fn settle(&mut self);
+    fn precisions(&mut self) -> Vec<&mut Precision>;
     fn in_run(&mut self, run: &Path);
     fn chooses_a_cut(&self) -> bool;
     fn to_toml(&self) -> Result<String>;
@@ -101,8 +101,8 @@ impl<T: TaskSettings> Settings for T {
         TaskSettings::data(self)
     }
 
-    fn settle(&mut self) {
-        TaskSettings::settle(self);
+    fn precisions(&mut self) -> Vec<&mut Precision> {
+        TaskSettings::precisions(self)
     }
 
     fn in_run(&mut self, run: &Path) {
@@ -174,9 +174,31 @@ impl TaskConfig {
     }
 
     /// The same with what is left to this machine decided: the precision.
-    pub fn settled(mut self) -> Self {
-        self.settings_mut().settle();
+    pub fn settled(self) -> Self {
+        self.settled_to(Precision::Auto.resolved())
+    }
+
+    /// The same with what is left to a machine decided so.
+    pub fn settled_to(mut self, auto: Precision) -> Self {
+        self.left().for_each(|own| *own = auto);
         self
+    }
+
+    /// What is left to the machine that trains.
+    pub fn left(&mut self) -> impl Iterator<Item = &mut Precision> {
+        self.settings_mut().precisions().into_iter().filter(|own| **own == Precision::Auto)
+    }
+
+    /// Has what is left to a machine be as in settings of the same task that may have it decided; gives the first that they
+    /// have.
+    pub fn settle_as(&mut self, other: &mut Self) -> Option<Precision> {
+        let pairs = self.settings_mut().precisions().into_iter().zip(other.settings_mut().precisions());
+        let mut first = None;
+        for (own, other) in pairs.filter(|(own, other)| **own == Precision::Auto && **other != Precision::Auto) {
+            *own = *other;
+            first = first.or(Some(*other));
+        }
+        first
     }
 
     /// Everything, defaults included, as TOML: reading it back gives the same run.

@@ -318,9 +318,8 @@ impl TaskSettings for GrpoTaskConfig {
 
     own_settings!();
 
-    fn settle(&mut self) {
-        self.train.precision = self.train.precision.resolved();
-        self.rollout.precision = self.rollout.precision.resolved();
+    fn precisions(&mut self) -> Vec<&mut Precision> {
+        vec![&mut self.train.precision, &mut self.rollout.precision]
     }
 }
 

@@ -1,5 +1,7 @@
 //! `riglab sweep`
 
+pub mod settled;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -129,7 +131,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let held = folder.is_dir().then(|| hold(&folder)).transpose()?;
     check(&plan, &folder, new, args.retry)?;
     if new {
-        let anew: Vec<String> = plan.settle(&folder, resolved)?.iter().map(|job| job.shown()).collect();
+        let anew: Vec<String> =
+            plan.settle(&folder, settled::configs(&folder)?)?.iter().map(|job| job.shown()).collect();
         if !anew.is_empty() {
             let kept = shown(&folder.join(REPLACED));
             tell!(
@@ -172,6 +175,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         counted(budget.threads, "thread"),
         budget.memory_gb
     );
+    plan.jobs.iter().try_for_each(|job| settled::settle(&folder, &plan, job))?;
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let start = |job: &Job, stage: Stage, run: &Path| {
         process(Command::new(&own), budget.threads, &plan.config(&folder, job), stage, run)
@@ -200,8 +204,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 }
 
 /// Tells of points that are the same runs.
-fn tell_alike(plan: &Plan) -> Result<()> {
-    for (first, second) in plan.alike(resolved)? {
+fn tell_alike(plan: &Plan, folder: &Path) -> Result<()> {
+    for (first, second) in plan.alike(settled::configs(folder)?)? {
         tell!("warning: `{first}` and `{second}` have the same settings: their jobs are the same runs");
     }
     Ok(())
@@ -231,8 +235,8 @@ fn job_settings(plan: &Plan, (folder, anew): (&Path, &[String]), job: &Job) -> R
 fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<String>> {
     let mut anew = Vec::new();
     if new {
-        anew = plan.fits(folder, resolved)?.replaced.iter().map(|(job, _)| job.shown()).collect();
-        tell_alike(plan)?;
+        anew = plan.fits(folder, settled::configs(folder)?)?.replaced.iter().map(|(job, _)| job.shown()).collect();
+        tell_alike(plan, folder)?;
         for job in &plan.jobs {
             if job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.is_empty() {
                 bail!(
@@ -433,12 +437,6 @@ fn asked(mut desk: Desk, args: &Args, plan: &Plan, threads: usize) -> Desk {
     desk
 }
 
-/// A job's whole config.
-fn resolved(job: &Job) -> Result<String, SweepError> {
-    let text = || settings_of(&job.base, &job.sets)?.settled().to_toml();
-    text().map_err(|e| unsound(job, &e))
-}
-
 fn settings_of(name: &str, sets: &[String]) -> Result<TaskConfig> {
     TaskConfig::read(&presets::load(name, sets)?)
 }
@@ -592,10 +590,10 @@ mod tests {
             let file: SweepFile = config.get_at("sweep").unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(file.seeds.len() >= 3 && !file.question.is_empty() && !file.expected.is_empty(), "{name}");
             let plan = Plan::new(file, &["data.corpora=['rigs.h5']".into()]).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let whole = settled::configs(Path::new("nowhere")).unwrap();
             // Jobs of one point differ by their seeds alone.
             let first = plan.jobs.iter().filter(|j| j.seed == plan.sweep.seeds[0]);
-            let mut configs: Vec<String> =
-                first.map(|j| resolved(j).unwrap_or_else(|e| panic!("{name}: {e}"))).collect();
+            let mut configs: Vec<String> = first.map(|j| whole(j).unwrap_or_else(|e| panic!("{name}: {e}"))).collect();
             configs.sort();
             let count = configs.len();
             configs.dedup();

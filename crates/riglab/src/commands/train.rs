@@ -150,7 +150,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
             return config.with(device, DryRun { config: &config, threads, device, json: args.json });
         }
         (None, Some(name)) => {
-            // Settled once: what is chosen by a timing must be the same for all.
+            // Settled once: what is chosen by the processor must be the same for all.
             let own = if ranks.leads() { named(name, &args.sets)?.to_toml()? } else { String::new() };
             let text = ranks.told(own)?;
             let place = args.run.clone().map_or_else(|| Place::Next(runs_of(name)), Place::New);
@@ -256,8 +256,13 @@ fn begin<T: Experiment>(task: &T, start: &StartConfig) -> Result<Vec<String>> {
     Ok(taken.iter().map(line).collect())
 }
 
-/// The config of a file or preset.
+/// The config of a file or preset, for this machine.
 fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
+    Ok(unsettled(name, sets)?.settled())
+}
+
+/// The config of a file or preset, for whichever machine trains.
+fn unsettled(name: &str, sets: &[String]) -> Result<TaskConfig> {
     if Path::new(name).join("config.toml").is_file() {
         let again = command(["train", "--resume", name]);
         bail!("{name} is a run: go on with `{again}`, or begin another of its {name}/config.toml");
@@ -266,7 +271,7 @@ fn named(name: &str, sets: &[String]) -> Result<TaskConfig> {
     if !config.contains("task") && config.contains("sweep") {
         bail!("{name} is a sweep of several runs: `{}` trains them", command(["sweep", name]));
     }
-    Ok(beside(TaskConfig::read(&config)?, Path::new(name)).settled())
+    Ok(beside(TaskConfig::read(&config)?, Path::new(name)))
 }
 
 /// The config that a run's `config.toml` holds, or will hold.
@@ -296,7 +301,7 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
             (dir.clone(), desk, None)
         }
         (None, Some(name)) => {
-            let text = named(name, &args.sets)?.to_toml()?;
+            let text = unsettled(name, &args.sets)?.to_toml()?;
             let config = presets::load(name, &args.sets)?;
             let dir = args.run.clone().map_or_else(|| claim(&runs_of(name)), Ok)?;
             let desk = on_slurm::desk(&dir, Some(settings(&config)?), &[])?;

@@ -14,6 +14,7 @@ use riglab_train::Interrupt;
 
 use super::Desk;
 use super::curate::{Order, part};
+use crate::commands::sweep::settled::settle;
 use crate::commands::sweep::{doing, process};
 
 /// Do the part of a Slurm job. Job scripts call it.
@@ -89,6 +90,7 @@ fn sweep(task: &Task, folder: &Path, number: usize, threads: usize) -> Result<Do
         tell!("error: {stuck}");
         return Ok(Done::Failed);
     }
+    settle(folder, &plan, job)?;
     let own = std::env::current_exe().context("the program does not know its own file")?;
     // The command line comes before the file.
     let told = [threads, plan.sweep.threads].into_iter().find(|threads| *threads > 0);
