@@ -20,4 +20,4 @@ pub use place::is_as_of_folder;
 pub use signals::{Signal, on_signals, was_asked};
 pub use unfinished::{Unfinished, ask_to_leave, leave};
 pub use walk::{Below, below};
-pub use write::{make_folder_of, may_write, sync_folder, write, write_with};
+pub use write::{make_folder_of, may_write, sync_folder, write, write_first, write_with};

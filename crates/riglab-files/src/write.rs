@@ -26,6 +26,23 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -
     unfinished.finish()
 }
 
+/// As [`write`], but where a file is there, that one stays: of several processes that write one at the same time, the first is
+/// heard, and the others read it.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_first(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let (mut file, unfinished) = Unfinished::beside(path)?;
+    file.write_all(bytes).map_err(|e| plain(&e))?;
+    file.sync_all()?;
+    match std::fs::hard_link(unfinished.path(), path) {
+        Ok(()) => sync_folder(folder(path)),
+        Err(e) if e.kind() == io::ErrorKind::AlreadyExists || path.exists() => Ok(()),
+        // A disk without such links.
+        Err(_) => unfinished.finish(),
+    }
+}
+
 /// Tries whether files can be written into a folder, which is made where it is not there yet: told before the work, not
 /// after it. Nothing stays behind.
 ///
@@ -68,6 +85,17 @@ mod tests {
     use std::fs;
 
     use super::*;
+
+    #[test]
+    fn the_first_of_several_that_write_is_heard() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("said");
+        write_first(&path, b"one").unwrap();
+        write_first(&path, b"two").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"one");
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing unfinished stays");
+        assert!(write_first(&dir.path().join("gone/said"), b"one").is_err());
+    }
 
     #[test]
     fn folders_are_tried_and_left_as_they_were() {

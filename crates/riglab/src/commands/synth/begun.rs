@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-use super::{MANIFEST, put};
+use riglab_files::write_first;
+
+use super::MANIFEST;
 
 /// Says in a folder what its creatures follow from, until all are there.
 const NAME: &str = ".riglab-synth.json";
@@ -27,24 +29,22 @@ impl Begun {
         let shown = folder.display();
         fs::create_dir_all(folder).with_context(|| format!("{shown} cannot be made"))?;
         let path = folder.join(NAME);
-        match fs::read(&path) {
-            Ok(bytes) => {
-                let before: Vec<(String, String)> = serde_json::from_slice(&bytes)
-                    .with_context(|| format!("{} is damaged: empty the folder, or give another", path.display()))?;
-                same(&before, settings).with_context(|| shown.to_string())?;
+        if !path.exists() {
+            let mut entries = fs::read_dir(folder).with_context(|| format!("{shown} cannot be read"))?;
+            if entries.next().is_some() {
+                bail!(
+                    "{shown} is not empty; give another folder, so that nothing is overwritten (creatures that were \
+                     finished get no more)"
+                );
             }
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-                let mut entries = fs::read_dir(folder).with_context(|| format!("{shown} cannot be read"))?;
-                if entries.next().is_some() {
-                    bail!(
-                        "{shown} is not empty; give another folder, so that nothing is overwritten (creatures that were \
-                         finished get no more)"
-                    );
-                }
-                put(&path, &serde_json::to_vec(settings)?)?;
-            }
-            Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
+            // Another that begins at the same time may be the first.
+            let written = write_first(&path, &serde_json::to_vec(settings)?);
+            written.with_context(|| format!("{} cannot be written", path.display()))?;
         }
+        let bytes = fs::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let before: Vec<(String, String)> = serde_json::from_slice(&bytes)
+            .with_context(|| format!("{} is damaged: empty the folder, or give another", path.display()))?;
+        same(&before, settings).with_context(|| shown.to_string())?;
         let lock = File::open(&path).with_context(|| format!("{} cannot be read", path.display()))?;
         let held = match lock.try_lock() {
             Ok(()) => !is_at(&lock, &path),
@@ -100,7 +100,7 @@ impl Begun {
     }
 }
 
-/// Whether an open file is the one at a path: another process that begins at the same time may have put its own there.
+/// Whether an open file is the one at a path: a process that has just finished takes its own away.
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let of = |meta: std::io::Result<fs::Metadata>| meta.ok().map(|meta| (meta.dev(), meta.ino()));
@@ -177,13 +177,13 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_another_process_replaced_is_not_held() {
+    fn a_file_that_is_there_no_more_is_not_held() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join(NAME);
-        put(&path, b"[]").unwrap();
+        write_first(&path, b"[]").unwrap();
         let mine = File::open(&path).unwrap();
         assert!(is_at(&mine, &path));
-        put(&path, b"[]").unwrap();
+        riglab_files::write(&path, b"[]").unwrap();
         assert!(!is_at(&mine, &path) && !is_at(&mine, &dir.path().join("gone")));
     }
 
