@@ -205,7 +205,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 
 /// Tells of points that are the same runs.
 fn tell_alike(plan: &Plan, folder: &Path) -> Result<()> {
-    for (first, second) in plan.alike(settled::configs(folder)?)? {
+    for (first, second) in plan.alike(settled::guesses(folder))? {
         tell!("warning: `{first}` and `{second}` have the same settings: their jobs are the same runs");
     }
     Ok(())

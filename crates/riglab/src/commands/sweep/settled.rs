@@ -2,11 +2,10 @@
 //! or their differences would not be their arms' alone. The first machine to begin a job decides, since who writes the
 //! configs need not be who trains: the login node of a cluster is often of another kind than the others.
 
-use std::io::{ErrorKind, Write};
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use riglab_files::Unfinished;
+use riglab_files::write_first;
 use riglab_sweep::{Job, Plan, SweepError};
 use riglab_train::Precision;
 
@@ -34,6 +33,16 @@ pub fn configs(folder: &Path) -> Result<impl Fn(&Job) -> Result<String, SweepErr
     })
 }
 
+/// Gives jobs their whole configs with nothing left open, to see which are the same: as the folder has decided, or this
+/// machine would.
+pub fn guesses(folder: &Path) -> impl Fn(&Job) -> Result<String, SweepError> {
+    let auto = told(folder).unwrap_or_else(|| Precision::Auto.resolved());
+    move |job| {
+        let whole = settings_of(&job.base, &job.sets).and_then(|own| own.settled_to(auto).to_toml());
+        whole.map_err(|e| unsound(job, &e))
+    }
+}
+
 /// Decides what a job's config leaves to the machine, as for every job of the sweep, before it is trained from it.
 pub fn settle(folder: &Path, plan: &Plan, job: &Job) -> Result<()> {
     // Of one that cannot be read the training tells.
@@ -53,14 +62,18 @@ fn written(plan: &Plan, folder: &Path, job: &Job) -> Result<TaskConfig> {
 /// What `auto` is in a sweep.
 fn decided(folder: &Path, plan: &Plan) -> Result<Precision> {
     let path = folder.join(DECIDED);
-    let told = || serde_json::from_str(&std::fs::read_to_string(&path).ok()?).ok();
-    if let Some(told) = told() {
+    if let Some(told) = told(folder) {
         return Ok(told);
     }
     let own = before(folder, plan).unwrap_or_else(|| Precision::Auto.resolved());
     let text = serde_json::to_string(&own)? + "\n";
+    // Of several nodes that write at once, the first is heard.
     write_first(&path, text.as_bytes()).with_context(|| format!("{} cannot be written", path.display()))?;
-    Ok(told().unwrap_or(own))
+    Ok(told(folder).unwrap_or(own))
+}
+
+fn told(folder: &Path) -> Option<Precision> {
+    serde_json::from_str(&std::fs::read_to_string(folder.join(DECIDED)).ok()?).ok()
 }
 
 /// What it is in configs that were decided when they were written, as earlier versions did.
@@ -70,20 +83,6 @@ fn before(folder: &Path, plan: &Plan) -> Option<Precision> {
         own.settle_as(&mut written(plan, folder, job).ok()?)
     };
     plan.jobs.iter().find_map(of)
-}
-
-/// Writes a file whole unless it is there: of several nodes that write at once, the first is heard.
-fn write_first(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let (mut file, unfinished) = Unfinished::beside(path)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    match std::fs::hard_link(unfinished.path(), path) {
-        Err(e) if e.kind() != ErrorKind::AlreadyExists && !path.exists() => {
-            // A disk without such links.
-            unfinished.finish()
-        }
-        _ => Ok(()),
-    }
 }
 
 #[cfg(test)]
@@ -120,6 +119,10 @@ mod tests {
         std::fs::write(folder.join(DECIDED), serde_json::to_string(&other).unwrap()).unwrap();
         settle(&folder, &two, &two.jobs[1]).unwrap();
         assert_eq!(precisions(&folder, &two), [Precision::Auto, other]);
+        // Jobs that leave it open are those that say the same.
+        let said = serde_json::to_string(&other).unwrap().trim_matches('"').to_owned();
+        let of = |plan: &Plan| guesses(&folder)(&plan.jobs[0]).unwrap();
+        assert_eq!(of(&two), of(&plan("[0, 1]", &said)));
         // The same jobs are no others here.
         put(&folder, &two).unwrap();
         settle(&folder, &two, &two.jobs[0]).unwrap();
