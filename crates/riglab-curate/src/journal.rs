@@ -21,7 +21,7 @@ use crate::record::Record;
 use crate::{CurateConfig, CurateError};
 
 /// Raised when what a record means changes.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// Appends between two syncs: what a loss of power may cost. A kill costs nothing that was appended.
 const SYNC_EVERY: usize = 256;
 

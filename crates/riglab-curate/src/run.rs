@@ -337,7 +337,9 @@ pub(crate) fn finish(
             let keys = keys(&open, config);
             made = splitter.assign_equal(&keys, &open.iter().map(|r| contents[r.name.as_str()]).collect::<Vec<_>>());
             let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
-            doubts.extend(splitter.doubts(&keys, &made, |name| names.contains(name) || source.is_there(name)));
+            let files: HashSet<&str> = records.iter().map(|r| r.file.as_str()).collect();
+            let is_there = |name: &str| names.contains(name) || files.contains(name) || source.is_there(name);
+            doubts.extend(splitter.doubts(&keys, &made, is_there));
         }
         let mut made = made.into_iter();
         let own = |r: &&Record| source.split(&r.name).cloned().or_else(|| made.next()).unwrap_or_default();

@@ -3,6 +3,8 @@
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
+use riglab_asset::file_and_item;
+
 use crate::rewrite::same;
 use crate::{Corpus, CorpusWriter, DataError, Splitter};
 
@@ -93,7 +95,8 @@ pub fn merge(
     if let Some(splitter) = splitter {
         splits = splitter.assign(&keys);
         let names: HashSet<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
-        report.warnings = splitter.doubts(&keys, &splits, |name| names.contains(name));
+        let files: HashSet<&str> = names.iter().map(|name| file_and_item(name).0).collect();
+        report.warnings = splitter.doubts(&keys, &splits, |name| names.contains(name) || files.contains(name));
     }
     writer.finish(&splits)?;
     Ok(report)
@@ -103,10 +106,10 @@ pub fn merge(
 fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
     let whole: Vec<PathBuf> =
         corpora.iter().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())).collect();
-    // Without its ending, unless only that tells it from another.
+    // Without its ending, unless another is called so, with its own or without.
     let named = |path: &PathBuf| {
         let bare = path.with_extension("");
-        let alone = whole.iter().all(|other| other == path || other.with_extension("") != bare);
+        let alone = whole.iter().all(|other| other == path || *other != bare && other.with_extension("") != bare);
         if alone { bare } else { path.clone() }
     };
     let steps = |path: PathBuf| path.iter().map(|step| step.to_string_lossy().into_owned()).collect();
@@ -238,12 +241,23 @@ mod tests {
     #[test]
     fn corpora_that_differ_by_their_ending_alone_are_told_apart() {
         let dir = tempfile::tempdir().unwrap();
-        let both = ["s.h5", "s.hdf5"].map(|name| dir.path().join(name));
-        written(both[0].clone(), &[("x", 0.0, "train")]);
-        written(both[1].clone(), &[("x", 1.0, "train")]);
+        let all = ["s.h5", "s.hdf5", "s.h5.h5"].map(|name| dir.path().join(name));
+        all.iter().zip([0.0, 1.0, 2.0]).for_each(|(path, x)| drop(written(path.clone(), &[("x", x, "train")])));
         let out = dir.path().join("all.h5");
-        merge(&both, &out, true, None, |_| ()).unwrap();
-        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["s.h5/x", "s.hdf5/x"]);
+        merge(&all, &out, true, None, |_| ()).unwrap();
+        assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["s.h5/x", "s.hdf5/x", "s.h5.h5/x"]);
+    }
+
+    #[test]
+    fn a_split_of_files_holds_for_their_assets_and_is_not_doubted() {
+        let dir = tempfile::tempdir().unwrap();
+        let a = written(dir.path().join("a.h5"), &[("set.npz#x", 0.0, "val"), ("set.npz#y", 1.0, "val")]);
+        let list = [("set.npz", "train"), ("gone.npz", "train")].map(|(name, split)| (name.into(), split.into()));
+        let out = dir.path().join("all.h5");
+        let report = merge(&[a], &out, false, Some(&Splitter::Given(list.into())), |_| ()).unwrap();
+        assert_eq!(Corpus::open(&out).unwrap().texts("split").unwrap(), ["train", "train"]);
+        assert!(report.warnings.len() == 1 && report.warnings[0].contains("`gone.npz`"), "{:?}", report.warnings);
+        assert!(!report.warnings[0].contains("`set.npz`"), "{:?}", report.warnings);
     }
 
     #[test]
