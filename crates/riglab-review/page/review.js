@@ -51,7 +51,8 @@ async function decide(asset, change, undoing) {
   $("status").textContent = "saving";
   try {
     await server.decide(asset, after);
-    $("alert").hidden = true;
+    if ("comment" in change) lost.delete(asset);
+    complain("");
     if (server.pending() <= 1) $("status").textContent = "saved";
   } catch (fault) {
     const shown = asset.decision === after;
@@ -60,16 +61,20 @@ async function decide(asset, change, undoing) {
       if (!undoing) model.forget(asset, before);
     }
     $("status").textContent = "not saved";
-    const lost = fault.newer && change.comment ? ` Your comment was: ${change.comment}` : "";
-    complain(fault.message + lost);
+    if (fault.newer && change.comment) lost.set(asset, change.comment);
+    complain(fault.message);
     sheet.update(asset);
     draw(false);
   }
 }
 
+// Comments that another window's decisions kept from being saved, until the next about the asset is.
+const lost = new Map();
+
 function complain(text) {
-  $("alert").textContent = text;
-  $("alert").hidden = false;
+  const kept = [...lost].map(([asset, comment]) => `Your comment about ${asset.name} was: ${comment}`);
+  $("alert").textContent = [text, ...kept].filter(Boolean).join(" ");
+  $("alert").hidden = $("alert").textContent === "";
 }
 
 function go(at) {
