@@ -25,6 +25,14 @@ struct Evaluation {
     checkpoint: Option<State>,
     #[serde(default)]
     set: Vec<String>,
+    #[serde(default)]
+    data: Vec<serde_json::Value>,
+}
+
+/// What is asked of a `run.json`.
+#[derive(Deserialize)]
+struct Begun {
+    data: Vec<serde_json::Value>,
 }
 
 impl Checkpoints {
@@ -42,18 +50,24 @@ impl Checkpoints {
 /// best, and with no settings but the run's. One of a run whose checkpoints are gone, or that does not say its step, counts,
 /// as there is nothing to hold it against.
 pub fn speaks_for(run: &Path) -> bool {
-    let Some(Evaluation { checkpoint, set }) = read(run) else { return false };
+    let Some(Evaluation { checkpoint, set, .. }) = read(run) else { return false };
     let now = Checkpoints::of(run);
     let step = checkpoint.and_then(|of| of.step);
     let same = step.zip(now.best.or(now.last)).is_none_or(|(of, now)| of == now);
     same && set.is_empty()
 }
 
-/// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's: what it chose is what the
-/// run's own validation assets chose for that checkpoint.
+/// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's and where its corpora are
+/// now: what it chose is what the run's own validation assets chose for that checkpoint.
 pub fn chose_for(run: &Path, step: u64) -> bool {
-    let of = |Evaluation { checkpoint, set }| set.is_empty() && checkpoint.and_then(|of: State| of.step) == Some(step);
-    read(run).is_some_and(of)
+    let Some(Evaluation { checkpoint, set, data }) = read(run) else { return false };
+    let begun = || serde_json::from_slice::<Begun>(&std::fs::read(run.join("run.json")).ok()?).ok();
+    // Of each corpus its path, and a checksum.
+    let sums = |data: &[serde_json::Value]| data.iter().map(|of| of[1].clone()).collect::<Vec<_>>();
+    let moved = |set: &String| set.split('=').next().is_some_and(|key| key.trim() == "data.corpora");
+    let own =
+        set.iter().all(moved) && (set.is_empty() || begun().is_some_and(|begun| sums(&begun.data) == sums(&data)));
+    own && checkpoint.and_then(|of| of.step) == Some(step)
 }
 
 fn read(run: &Path) -> Option<Evaluation> {
@@ -86,6 +100,14 @@ mod tests {
         assert!(evaluated(&of(5, "")) && !evaluated(&of(8, "")));
         assert!(chose_for(run, 8) && !chose_for(run, 5));
         assert!(!evaluated(&of(5, "\"set\": [\"eval.prefixes=[2]\"], ")) && !chose_for(run, 5));
+        // Corpora that were moved are the same, others are not.
+        std::fs::write(run.join("run.json"), r#"{"data": [["old/a.h5", "sum", 3]]}"#).unwrap();
+        let on = |sum: &str| {
+            let more = format!(r#""set": ["data.corpora=['new/a.h5']"], "data": [["new/a.h5", "{sum}", 3, 1]], "#);
+            evaluated(&of(5, &more));
+            chose_for(run, 5)
+        };
+        assert!(on("sum") && !on("other"));
         assert_eq!(Checkpoints::of(run), Checkpoints { best: Some(5), last: Some(8) });
     }
 }

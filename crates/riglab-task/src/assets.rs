@@ -178,8 +178,9 @@ impl DataConfig {
             return Ok(());
         }
         Err(format!(
-            "data.validate: the corpora have no asset in `{}` by which to choose one of eval.cuts. First evaluate the \
-             run on its own corpora (`riglab eval RUN`), whose cut is then used, or give one: --set eval.cuts='[0.1]'",
+            "data.validate: the corpora have no asset in `{}` by which to choose one of eval.cuts. First evaluate this \
+             checkpoint on the run's own corpora (`riglab eval RUN/checkpoints/NAME`), whose cut is then used, or give one: \
+             --set eval.cuts='[0.1]'",
             self.validate
         ))
     }

@@ -1,5 +1,6 @@
 //! `riglab eval`
 
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -102,7 +103,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             run.join("card.md").display()
         );
     }
-    let seen = trained_on(config.data(), &own)?;
+    let seen = trained_on(&config, &own)?;
     let data = config.data();
     if let Some(split) = data.test.iter().find(|split| data.train.contains(split)) {
         tell!(
@@ -114,19 +115,19 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     config.with(device, Examination { args, run, checkpoint, data, seen, path, folder })
 }
 
-/// The names of the assets to evaluate that the model was trained on, or one that it builds on; tells of them.
-fn trained_on(data: &DataConfig, own: &TaskConfig) -> Result<Vec<String>> {
-    let mut all: Vec<String> = Vec::new();
+/// The names of the assets to evaluate that the model was trained on, or one that it builds on, which `config` says where it
+/// is now; tells of them.
+fn trained_on(config: &TaskConfig, own: &TaskConfig) -> Result<Vec<String>> {
+    let (data, mut all, mut known) = (config.data(), Vec::new(), HashSet::new());
     let trainings = std::iter::once((None, own.data().clone()));
-    let before = built_on(&own.to_toml()?).into_iter().map(|(key, data)| (Some(key), data));
+    let before = built_on(&config.to_toml()?).into_iter().map(|(key, data)| (Some(key), data));
     for (by, trained) in trainings.chain(before) {
         match seen(data, &data.test, &trained) {
             Ok(seen) => {
                 if let Some(warning) = warning(&seen, by) {
                     tell!("warning: {warning}");
                 }
-                let new = seen.names.into_iter().filter(|name| !all.contains(name)).collect::<Vec<_>>();
-                all.extend(new);
+                all.extend(seen.names.into_iter().filter(|name| known.insert(name.clone())));
             }
             // Corpora may be gone or moved: no fault of an evaluation on others.
             Err(e) => {
