@@ -116,7 +116,8 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         say!("{}", out.display());
     }
     if let Some(how) = model.draws() {
-        tell!("draws as published: {how}; `riglab rig --beams 1` is faster");
+        let faster = if how.contains(" beams") { "; `riglab rig --beams 1` is faster" } else { "" };
+        tell!("draws as published: {how}{faster}");
     }
     tell!("next: {}", next(&model, out));
     Ok(ExitCode::SUCCESS)
