@@ -17,7 +17,7 @@ use riglab_asset::export::{self, ExportOptions};
 use riglab_asset::rigging::{Subject, SubjectOptions};
 use riglab_asset::{Content, ImportOptions, Imported, Resample, Target, import_bytes};
 use riglab_core::{Joint, Skeleton, SkinWeights};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Mutations of each kind and seed.
 const ROUNDS: u64 = 1500;
@@ -351,6 +351,68 @@ fn files_with_changed_numbers_survive() {
         }
     }
     println!("{rigs} mutants still made a rig");
+    assert!(rigs > 0);
+}
+
+/// A rig with all that a VRM says of a body, with what is hidden, and with a mesh on a joint.
+fn body() -> Tiny {
+    let bone = |node: usize| json!({"node": node});
+    let follows = json!({"VRMC_node_constraint": {"constraint": {"roll": {"source": 1, "rollAxis": "X"}}}});
+    let springs = json!({
+        "colliders": [{"node": 3, "shape": {"sphere": {"offset": [0, 1, 0], "radius": 0.5}}}],
+        "colliderGroups": [{"colliders": [0]}],
+        "springs": [{"joints": [bone(2), bone(3)], "colliderGroups": [0], "center": 1}],
+    });
+    let vrm = json!({
+        "humanoid": {"humanBones": {"hips": bone(1), "head": bone(2), "leftEye": bone(3)}},
+        "lookAt": {"offsetFromHeadBone": [0, 0.1, 0]},
+        "firstPerson": {"meshAnnotations": [{"node": 0, "type": "auto"}]},
+    });
+    Tiny::new()
+        .with("/nodes/1/extensions", json!({"KHR_node_visibility": {"visible": false}}))
+        .with("/nodes/2/extensions", follows)
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"mesh": 1, "extensions": {}, "extras": {}}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": 0}, "targets": [{"POSITION": 0}]}]}))
+        .with("/scenes", json!([{"nodes": [0, 1]}]))
+        .with("/extensions", json!({"VRMC_vrm": vrm, "VRMC_springBone": springs}))
+        .with("/extensionsUsed", json!(["VRMC_vrm", "VRMC_springBone", "KHR_node_visibility"]))
+}
+
+/// The pointers to all values below one.
+fn pointers(value: &Value, at: String, all: &mut Vec<String>) {
+    match value {
+        Value::Array(list) => list.iter().enumerate().for_each(|(n, own)| pointers(own, format!("{at}/{n}"), all)),
+        Value::Object(members) => members.iter().for_each(|(key, own)| pointers(own, format!("{at}/{key}"), all)),
+        _ => {}
+    }
+    all.push(at);
+}
+
+/// Objects where lists belong, and the other way round: an object's members in their order are what some readers take for it.
+#[test]
+fn files_with_structures_of_another_kind_survive() {
+    let mut rigs = 0;
+    for (name, tiny) in [("tiny.glb", Tiny::new()), ("body.vrm", body())] {
+        assert!(survives(name, &tiny.glb()));
+        let mut all = Vec::new();
+        pointers(&tiny.document, String::new(), &mut all);
+        for pointer in all {
+            let own = tiny.document.pointer(&pointer).unwrap();
+            let mut others = vec![json!([]), json!({}), json!("x"), json!([own]), json!({ "own": own })];
+            others.extend(own.as_object().map(|members| members.values().cloned().collect()));
+            for (round, other) in others.into_iter().enumerate() {
+                let mut changed = tiny.clone();
+                *changed.document.pointer_mut(&pointer).unwrap() = other;
+                rigs += usize::from(survives(&format!("other {round} at {pointer} of {name}"), &changed.glb()));
+            }
+        }
+    }
+    // All that a view has, in its order.
+    let view = json!([0, 0, 48, null, {}]);
+    let listed = Tiny::new().with("/bufferViews/0", view);
+    let said = import_bytes("listed.glb", &listed.glb(), &ImportOptions::default()).unwrap_err().to_string();
+    assert!(said.contains("bufferViews[0]") && said.contains("expected an object"), "{said}");
     assert!(rigs > 0);
 }
 

@@ -4,8 +4,12 @@
 //! pictures, cameras) cannot stop an import, and errors say where they are.
 
 use std::collections::BTreeMap;
+use std::fmt;
+use std::marker::PhantomData;
 
-use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use crate::Fault;
@@ -25,6 +29,7 @@ const MAX_NODES: usize = 1 << 16;
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub(super) struct Document {
+    #[serde(deserialize_with = "object")]
     pub asset: AssetInfo,
     pub extensions_required: Vec<String>,
     /// Parts of files read here are loose in their types: VRM in the wild is.
@@ -32,11 +37,17 @@ pub(super) struct Document {
     /// As loose: no rig needs them.
     pub scene: Value,
     pub scenes: Value,
+    #[serde(deserialize_with = "objects")]
     pub buffers: Vec<Buffer>,
+    #[serde(deserialize_with = "objects")]
     pub buffer_views: Vec<BufferView>,
+    #[serde(deserialize_with = "objects")]
     pub accessors: Vec<Accessor>,
+    #[serde(deserialize_with = "objects")]
     pub meshes: Vec<Mesh>,
+    #[serde(deserialize_with = "objects")]
     pub nodes: Vec<Node>,
+    #[serde(deserialize_with = "objects")]
     pub skins: Vec<Skin>,
 }
 
@@ -79,13 +90,16 @@ pub(super) struct Accessor {
     pub count: u64,
     #[serde(rename = "type")]
     pub shape: String,
+    #[serde(default, deserialize_with = "object_or_none")]
     pub sparse: Option<Sparse>,
 }
 
 #[derive(Debug, Deserialize)]
 pub(super) struct Sparse {
     pub count: u64,
+    #[serde(deserialize_with = "object")]
     pub indices: SparseIndices,
+    #[serde(deserialize_with = "object")]
     pub values: SparseValues,
 }
 
@@ -113,7 +127,7 @@ pub(super) struct Mesh {
     /// Of morph targets; as loose as those of a node.
     #[serde(default)]
     pub weights: Value,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "objects")]
     pub primitives: Vec<Primitive>,
 }
 
@@ -155,6 +169,40 @@ pub(super) struct Skin {
     pub skeleton: Option<usize>,
 }
 
+/// What is an object in the file. Structs are read from lists as well, member by member, but what a file is altered by goes by
+/// the names of members.
+struct Object<T>(T);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Object<T> {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        object(from).map(Self)
+    }
+}
+
+fn object<'de, T: Deserialize<'de>, D: Deserializer<'de>>(from: D) -> Result<T, D::Error> {
+    struct Members<T>(PhantomData<T>);
+    impl<'de, T: Deserialize<'de>> Visitor<'de> for Members<T> {
+        type Value = T;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an object")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, members: A) -> Result<T, A::Error> {
+            T::deserialize(MapAccessDeserializer::new(members))
+        }
+    }
+    from.deserialize_map(Members(PhantomData))
+}
+
+fn objects<'de, T: Deserialize<'de>, D: Deserializer<'de>>(from: D) -> Result<Vec<T>, D::Error> {
+    Ok(Vec::<Object<T>>::deserialize(from)?.into_iter().map(|Object(own)| own).collect())
+}
+
+fn object_or_none<'de, T: Deserialize<'de>, D: Deserializer<'de>>(from: D) -> Result<Option<T>, D::Error> {
+    Ok(Option::<Object<T>>::deserialize(from)?.map(|Object(own)| own))
+}
+
 impl Accessor {
     /// What it says of its elements, without bytes; of its type no more than `letters` bytes, as copies may be many.
     pub(super) fn bare_copy(&self, letters: usize) -> Self {
@@ -187,7 +235,7 @@ impl Document {
         if values > limit {
             return Err(too_large("the values of the JSON", values, limit));
         }
-        let document: Self = serde_json::from_str(json).map_err(|_| explain(json))?;
+        let Object(document): Object<Self> = serde_json::from_str(json).map_err(|_| explain(json))?;
         let nodes = document.nodes.len();
         if nodes > MAX_NODES {
             return Err(too_large("the nodes", nodes, MAX_NODES));
@@ -217,7 +265,7 @@ pub(super) fn text(json: &[u8]) -> Result<&str, Fault> {
 /// Reads once more, slower, keeping track of where it is.
 fn explain(json: &str) -> Fault {
     let mut reader = serde_json::Deserializer::from_str(json);
-    match serde_path_to_error::deserialize::<_, Document>(&mut reader) {
+    match serde_path_to_error::deserialize::<_, Object<Document>>(&mut reader) {
         Err(error) => {
             let path = error.path().to_string();
             let path = if path == "." { String::new() } else { path };
@@ -295,6 +343,17 @@ mod tests {
             let text = fault(&json);
             assert!(text.chars().count() < 500 && text.ends_with(|c: char| c.is_ascii_digit()), "{text}");
         }
+        // What has members is no list of them.
+        let version = r#""asset":{"version":"2.0"}"#;
+        for (own, place) in [
+            (r#""bufferViews":[[0,0,120,null,{}]]"#, "bufferViews[0]"),
+            (r#""meshes":[{"primitives":[[{}]]}]"#, "meshes[0].primitives[0]"),
+            (r#""nodes":[{},[]]"#, "nodes[1]"),
+        ] {
+            let text = fault(&format!("{{{version},{own}}}"));
+            assert!(text.starts_with(&format!("invalid JSON at {place}: invalid type: sequence, expected")), "{text}");
+        }
+        assert!(fault(r#"["2.0"]"#).contains("sequence, expected an object"), "{}", fault(r#"["2.0"]"#));
         let deep = format!("{{\"extras\":{}", "[".repeat(10_000));
         assert_eq!(fault(&deep), Fault::JsonDepth(MAX_DEPTH).to_string());
     }

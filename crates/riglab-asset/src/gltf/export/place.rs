@@ -131,7 +131,12 @@ fn is_hidden(draft: &Draft, nodes: &Nodes, mut node: usize) -> bool {
 
 pub(super) fn hide(draft: &mut Draft, node: usize) {
     draft.uses(VISIBILITY);
-    draft.list_mut("nodes")[node]["extensions"][VISIBILITY] = json!({"visible": false});
+    let own = &mut draft.list_mut("nodes")[node];
+    // Files have other things in its place, which say nothing.
+    if !own["extensions"].is_object() {
+        own["extensions"] = json!({});
+    }
+    own["extensions"][VISIBILITY] = json!({"visible": false});
 }
 
 /// Takes from the node of a skinned mesh what moves it. One that others hang on keeps that, and its mesh goes to the top.
