@@ -44,7 +44,7 @@ impl Reads for RigText {
     fn listed(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
         let text = std::fs::read(path).ok();
         let text = text.as_deref().and_then(|bytes| std::str::from_utf8(unmarked(bytes)).ok());
-        text.and_then(|text| data_list::open(text, folder)).map_or_else(Vec::new, data_list::DataList::into_files)
+        text.and_then(|text| list(text, folder)).map_or_else(Vec::new, data_list::DataList::into_files)
     }
 
     /// A list does not say it.
@@ -55,7 +55,7 @@ impl Reads for RigText {
     fn open<'a>(&self, file: &Source<'a>, _: bool) -> Result<Box<dyn Assets + 'a>, Fault> {
         let bytes = bytes(file.input)?;
         let text = || std::str::from_utf8(unmarked(&bytes)).ok();
-        match file.folder.and_then(|folder| data_list::open(text()?, folder)) {
+        match file.folder.and_then(|folder| list(text()?, folder)) {
             Some(list) => Ok(Box::new(list)),
             None => Ok(One::boxed(read(file.path, &bytes, file.folder)?)),
         }
@@ -65,6 +65,15 @@ impl Reads for RigText {
 /// What is put between the common part of a pair's names and `.txt`; the one with weights comes before
 /// the one without.
 const SUFFIXES: [&str; 4] = ["_rig", "_skin", "", "_skel"];
+
+/// The list in a text. Each line of one is looked for as a folder, and a rig has one for each of its vertices: a text whose
+/// first line is one of a rig is none. A folder may be called as such a line begins.
+fn list(text: &str, folder: &Path) -> Option<data_list::DataList> {
+    let first = text.lines().map(str::trim).find(|line| !line.is_empty())?;
+    let has_words = first.contains(char::is_whitespace);
+    let is_rig = has_words && (rig_text::is_one(first) || skeleton_text::is_one(first));
+    if is_rig { None } else { data_list::open(text, folder) }
+}
 
 /// A rig text and the OBJ beside it. A text without OBJ is read without mesh.
 fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fault> {
@@ -178,6 +187,19 @@ mod tests {
         assert_eq!(found, dir.path().join("a_rig.txt"));
         let rig = read(&found, &std::fs::read(&found).unwrap(), Some(dir.path())).unwrap();
         assert_eq!((rig.vertices.len(), rig.weights.unwrap().rows()), (3, 3));
+    }
+
+    #[test]
+    fn lines_of_a_rig_are_not_looked_for_as_folders() {
+        let dir = tempfile::tempdir().unwrap();
+        let found = |first: &str| {
+            // Were it looked for, it would be there.
+            std::fs::create_dir_all(dir.path().join(first)).unwrap();
+            std::fs::write(dir.path().join(first).join("raw_data.npz"), "PK").unwrap();
+            list(&format!("\n{first}\n"), dir.path()).is_some()
+        };
+        assert_eq!(["joints a 0 0 0", "0 root 0 0 0 None"].map(found), [false; 2]);
+        assert_eq!(["root", "skin", "rigs/joints 7"].map(found), [true; 3]);
     }
 
     #[test]
