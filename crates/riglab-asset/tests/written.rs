@@ -235,6 +235,12 @@ fn what_a_format_has_no_form_for_is_known_before() {
     };
     let fault = Target::ANYMATE.holds(&asset(&joints)).unwrap_err().to_string();
     assert!(fault.contains("cannot be written as anymate") && fault.contains("up to 127"), "{fault}");
+    // More bones than it has numbers for, in a few places.
+    for joint in &mut joints[1..] {
+        (joint.parent, joint.head) = (Some(JointId(0)), [1.0, 0.0, 0.0]);
+    }
+    let fault = Target::ANYMATE.holds(&asset(&joints)).unwrap_err().to_string();
+    assert!(fault.contains("200 bones; the format numbers up to 128"), "{fault}");
     joints.truncate(100);
     assert!(Target::ANYMATE.holds(&asset(&joints)).is_ok());
 }

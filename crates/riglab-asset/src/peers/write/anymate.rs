@@ -21,6 +21,9 @@ const POINTS: usize = 8192;
 /// Cells along a side of the voxels, which span -1 to 1.
 const CELLS: f32 = 64.0;
 
+/// Bones that an i8 numbers from 0.
+const MOST_BONES: usize = 128;
+
 const FOLDER: &str = "archive";
 
 /// Anymate's pt.
@@ -180,6 +183,10 @@ fn joints(rig: &Rig) -> Result<Joints, String> {
             "it has {} distinct heads and ends of bones; the format numbers up to 127",
             positions.len()
         ));
+    }
+    // Several may be in one place, so that there are more of them than places.
+    if skeleton.len() > MOST_BONES {
+        return Err(format!("it has {} bones; the format numbers up to {MOST_BONES}", skeleton.len()));
     }
     let mut above: Vec<usize> = (0..positions.len()).collect();
     // The end of a bone lies below its head; the head of a bone below the end of the one above it, or
