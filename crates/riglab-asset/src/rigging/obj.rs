@@ -28,12 +28,9 @@ pub(crate) fn read(
         let lines = wavefront::obj(bytes, asked);
         missing.borrow_mut().clear();
         tobj::load_obj_buf(&mut &lines[..], &options, |library| {
-            let library = library.to_string_lossy();
-            let Some(bytes) = beside.read(&library) else {
-                missing.borrow_mut().push(library.into_owned());
-                return Err(LoadError::OpenFileFailed);
-            };
-            tobj::load_mtl_buf(&mut wavefront::mtl(&bytes).as_slice())
+            let (found, lacking) = libraries(&library.to_string_lossy(), &beside);
+            missing.borrow_mut().extend(lacking);
+            tobj::load_mtl_buf(&mut found.ok_or(LoadError::OpenFileFailed)?.as_slice())
         })
     };
     // Texture coordinates and normals that do not fit are no reason to refuse the surface.
@@ -67,6 +64,26 @@ pub(crate) fn read(
         }
     }
     Ok(model)
+}
+
+/// The lines of the material libraries that a line names, one after another, and the names of those that are not there. A name
+/// may have blanks, and a line may have several names: all of it is one, where that is there.
+fn libraries(line: &str, beside: &Beside) -> (Option<Vec<u8>>, Vec<String>) {
+    let named = |name: &str| beside.read(name).map(|bytes| wavefront::mtl(&bytes));
+    if let Some(whole) = named(line) {
+        return (Some(whole), Vec::new());
+    }
+    let (mut found, mut lacking) = (None, Vec::new());
+    for name in line.split_whitespace() {
+        match named(name) {
+            Some(lines) => found.get_or_insert_with(Vec::new).extend(lines),
+            None => lacking.push(name.to_owned()),
+        }
+    }
+    if found.is_none() {
+        lacking = vec![line.to_owned()];
+    }
+    (found, lacking)
 }
 
 /// A part, or what is wrong with it.
@@ -301,6 +318,26 @@ mod tests {
         let patches = &model.objects[0].patches;
         assert_eq!(patches.iter().map(|p| (p.look, p.indices.len())).collect::<Vec<_>>(), [(Some(0), 3), (Some(1), 3)]);
         assert_eq!((model.looks[0].colour, model.looks[1].glow), ([0.8, 0.8, 0.8, 1.0], [0.5; 3]));
+    }
+
+    #[test]
+    fn a_line_may_name_several_libraries() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, material) in [("a", "cloth"), ("b", "skin"), ("b c", "hair")] {
+            std::fs::write(folder.path().join(format!("{name}.mtl")), format!("newmtl {material}\nKd 1 0 0\n"))
+                .unwrap();
+        }
+        let looks = |line: &str| {
+            let (mut notes, text) = (Vec::new(), format!("mtllib {line}\n{QUAD}usemtl skin\nf 1 2 3\n"));
+            let model = read("m", text.as_bytes(), Some(folder.path()), &mut notes).unwrap();
+            (model.looks.into_iter().map(|look| look.name).collect::<Vec<_>>().join(" "), notes)
+        };
+        let missing = |name: &str| vec![SubjectNote::FileMissing(name.into())];
+        assert_eq!(looks("a.mtl b.mtl"), ("cloth skin".into(), vec![]));
+        assert_eq!(looks("a.mtl gone.mtl"), ("cloth".into(), missing("gone.mtl")));
+        // A name that has blanks.
+        assert_eq!(looks("b c.mtl"), ("hair".into(), vec![]));
+        assert_eq!(looks("no name.mtl"), (String::new(), missing("no name.mtl")));
     }
 
     #[test]
