@@ -283,6 +283,34 @@ fn shapes_keep_their_weights_and_motions() {
 }
 
 #[test]
+fn pictures_are_called_by_names_of_their_own() {
+    let image = dressed().document["images"][0].clone();
+    let named = |name: &str| {
+        let mut own = image.clone();
+        own["name"] = json!(name);
+        own
+    };
+    let images = [named("skin"), named("skin 2"), named("SKIN"), named("b"), json!({"uri": "B.png"})];
+    let textures: Vec<Value> = (0..images.len()).map(|n| json!({"source": n})).collect();
+    let shows = |n: usize| json!({"name": format!("m{n}"), "pbrMetallicRoughness": {"baseColorTexture": {"index": n}}});
+    let materials: Vec<Value> = (0..images.len()).map(shows).collect();
+    let tiny = dressed().with("/images", json!(images)).with("/textures", json!(textures));
+    let primitive = tiny.document["meshes"][0]["primitives"][0].clone();
+    let primitives: Vec<Value> = (0..images.len())
+        .map(|n| {
+            let mut own = primitive.clone();
+            own["material"] = json!(n);
+            own
+        })
+        .collect();
+    let tiny = tiny.with("/materials", json!(materials)).with("/meshes/0/primitives", json!(primitives));
+    let scene = scene(&written(&tiny).bytes);
+    let mut names: Vec<String> = (&scene.textures).into_iter().map(|t| t.relative_filename.to_string()).collect();
+    names.sort();
+    assert_eq!(names, ["B.png", "SKIN 3.png", "b 3.png", "skin 2.png", "skin.png"]);
+}
+
+#[test]
 fn nodes_stand_where_they_stood() {
     // A mesh on a joint, one below a turned and scaled node, and a camera's node.
     let tiny = Tiny::new()

@@ -1,6 +1,6 @@
 //! Materials, and the pictures that they show.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use serde_json::Value;
 
@@ -67,11 +67,16 @@ pub(crate) struct Picture {
 struct Pictures {
     all: Vec<Picture>,
     known: HashMap<usize, Option<usize>>,
+    /// Names that are taken, in small letters.
+    taken: HashSet<String>,
 }
 
 /// Materials in the order of the document, with what they show.
 pub(super) fn read(json: &Value, accessors: &Accessors<'_>, left: &mut Left) -> (Vec<Look>, Vec<Picture>) {
-    let mut reader = Reader { json, accessors, pictures: Pictures::default(), left };
+    // Those of pictures in files of their own are given.
+    let images = json["images"].as_array().map_or(&[][..], Vec::as_slice);
+    let taken = images.iter().filter_map(outside).map(str::to_lowercase).collect();
+    let mut reader = Reader { json, accessors, pictures: Pictures { taken, ..Pictures::default() }, left };
     let materials = json["materials"].as_array().map_or(&[][..], Vec::as_slice);
     let looks = materials.iter().enumerate().map(|(number, material)| reader.look(number, material)).collect();
     (looks, reader.pictures.all)
@@ -211,8 +216,7 @@ impl Reader<'_, '_, '_> {
         let image = &self.json["images"][number];
         let own = index(&image["bufferView"]).and_then(|view| self.accessors.view(view, String::new).ok());
         let bytes = own.and_then(|view| for_gltf("", view.bytes.to_vec()));
-        let uri = image["uri"].as_str().filter(|uri| !uri.starts_with("data:"));
-        let found = match (bytes, uri) {
+        let found = match (bytes, outside(image)) {
             (Some(bytes), _) => Some(self.embedded(number, image["name"].as_str(), bytes)),
             (None, Some(uri)) => Some(Picture { name: uri.to_owned(), bytes: Vec::new() }),
             (None, None) => None,
@@ -226,7 +230,7 @@ impl Reader<'_, '_, '_> {
     }
 
     /// Called as the image is, or after its number; no two alike, for programs write them into one folder.
-    fn embedded(&self, number: usize, name: Option<&str>, bytes: Vec<u8>) -> Picture {
+    fn embedded(&mut self, number: usize, name: Option<&str>, bytes: Vec<u8>) -> Picture {
         debug_assert!(is_picture(&bytes));
         let ending = if bytes.starts_with(b"\x89PNG") { "png" } else { "jpg" };
         let plain = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
@@ -234,11 +238,17 @@ impl Reader<'_, '_, '_> {
         let own = own.strip_suffix(".png").or(own.strip_suffix(".jpg")).or(own.strip_suffix(".jpeg")).unwrap_or(&own);
         let own = if own.is_empty() { format!("picture {number}") } else { own.to_owned() };
         let mut name = format!("{own}.{ending}");
-        if self.pictures.all.iter().any(|other| other.name.eq_ignore_ascii_case(&name)) {
-            name = format!("{own} {number}.{ending}");
+        let mut again = number..;
+        while !self.pictures.taken.insert(name.to_lowercase()) {
+            name = format!("{own} {}.{ending}", again.next().unwrap_or_default());
         }
         Picture { name, bytes }
     }
+}
+
+/// The name of a picture in a file of its own.
+fn outside(image: &Value) -> Option<&str> {
+    image["uri"].as_str().filter(|uri| !uri.starts_with("data:"))
 }
 
 /// A number that names something.
