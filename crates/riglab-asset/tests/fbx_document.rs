@@ -283,6 +283,35 @@ fn shapes_keep_their_weights_and_motions() {
 }
 
 #[test]
+fn primitives_over_the_same_vertices_keep_their_own_shapes() {
+    let up = |vertex: usize| {
+        let mut offsets = [[0.0f32; 3]; 4];
+        offsets[vertex][1] = 0.5;
+        floats(offsets.as_flattened())
+    };
+    let tiny = Tiny::new().with_accessor(5126, "VEC3", 4, &up(1)).with_accessor(5126, "VEC3", 4, &up(2));
+    let primitive = tiny.document["meshes"][0]["primitives"][0].clone();
+    let of = |target: Option<usize>| {
+        let mut own = primitive.clone();
+        own["targets"] = target.map_or(json!([]), |accessor| json!([{"POSITION": accessor}]));
+        own
+    };
+    let vertices = |own: &[Value]| {
+        let tiny = tiny.clone().with("/meshes/0/primitives", json!(own)).with("/nodes/0/weights", json!([1.0]));
+        let options = ImportOptions { shaped: true, ..Default::default() };
+        let shown = import_bytes("a.glb", &tiny.glb(), &options).unwrap();
+        let mut raised: Vec<f32> = shown.mesh().positions().iter().map(|p| p[1]).collect();
+        raised.retain(|y| *y == 0.5 || *y == 3.0);
+        let scene = scene(&written(&tiny).bytes);
+        let offsets: usize = (&scene.blend_shapes).into_iter().map(|shape| shape.num_offsets).sum();
+        (shown.mesh().positions().len(), raised, offsets)
+    };
+    assert_eq!(vertices(&[of(Some(5)), of(Some(5))]), (4, vec![0.5], 1));
+    assert_eq!(vertices(&[of(None), of(Some(6))]), (8, vec![3.0], 1));
+    assert_eq!(vertices(&[of(Some(5)), of(Some(6))]), (8, vec![0.5, 3.0], 2));
+}
+
+#[test]
 fn pictures_are_called_by_names_of_their_own() {
     let image = dressed().document["images"][0].clone();
     let named = |name: &str| {

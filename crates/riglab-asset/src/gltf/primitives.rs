@@ -1,7 +1,7 @@
 //! Primitives: triangles, and which vertices they draw from.
 //!
 //! Primitives of one node that name the same accessors share a set of vertices, as strips or
-//! materials over one surface do; each vertex is then read once. What a primitive has compressed (Draco)
+//! materials over one surface do; each vertex is then read once. Those whose morph targets move it otherwise do not. What a primitive has compressed (Draco)
 //! takes the place of what its accessors claim, before they are asked.
 
 use std::collections::{HashMap, HashSet};
@@ -9,6 +9,7 @@ use std::ops::Range;
 use std::rc::Rc;
 
 use glam::DVec3;
+use serde_json::Value;
 
 use super::accessor::Accessors;
 use super::document::{Document, Primitive};
@@ -54,6 +55,18 @@ struct Attributes {
     position: usize,
     /// JOINTS_n and WEIGHTS_n; none for unskinned primitives.
     influences: Vec<(usize, usize)>,
+}
+
+/// What a morph target moves: its number, which attribute, and the accessor of what it adds.
+type Moved = (usize, &'static str, u64);
+
+/// All that the morph targets of a primitive move, of what is read.
+fn moved(primitive: &Primitive) -> Vec<Moved> {
+    let targets = primitive.targets.as_array().into_iter().flatten().enumerate();
+    let of = |(number, target): (usize, &Value)| {
+        ["POSITION", "NORMAL"].map(|name| Some((number, name, target.get(name)?.as_u64()?)))
+    };
+    targets.flat_map(of).flatten().collect()
 }
 
 impl SourceSet {
@@ -168,7 +181,7 @@ impl Collector<'_, '_> {
         let (without_surface, dropped) = (self.sources.without_surface, self.dropped);
         let first_set = self.sources.sets.len();
         let first_part = self.sources.parts.len();
-        let mut known: HashMap<Attributes, usize> = HashMap::new();
+        let mut known: HashMap<(Attributes, Vec<Moved>), usize> = HashMap::new();
         for (number, primitive) in primitives.iter().enumerate() {
             let place = Place { primitive: number, ..mesh };
             let Some(position) = self.surface(place, primitive)? else {
@@ -181,11 +194,13 @@ impl Collector<'_, '_> {
                 None => Vec::new(),
             };
             let attributes = Attributes { position, influences };
-            let set = match known.get(&attributes) {
+            let key = (attributes, moved(primitive));
+            let set = match known.get(&key) {
                 Some(&set) => set,
                 None => {
                     let set = self.sources.sets.len();
-                    known.insert(attributes.clone(), set);
+                    let attributes = key.0.clone();
+                    known.insert(key, set);
                     let positions = self.accessors.positions(position)?;
                     let skin = skin.filter(|_| !attributes.influences.is_empty());
                     self.sources.sets.push(SourceSet { place, skin, attributes, numbers: Vec::new(), positions });

@@ -31,7 +31,7 @@ impl Reader<'_, '_> {
         let weights = document.nodes[node].weights.as_array().or(document.meshes[mesh].weights.as_array());
         let weight = |number: usize| weights.and_then(|all| all.get(number)).and_then(Value::as_f64).unwrap_or(0.0);
         let count = self.shape_count(mesh);
-        // Each of a part's first primitive: those that share points share their shapes.
+        // Each of a part's first primitive: those that share points are moved by the same targets.
         let mut seen = HashSet::new();
         let parts: Vec<&Part> = parts.iter().copied().filter(|part| seen.insert(part.vertex_set)).collect();
         own.shapes = (0..count)
