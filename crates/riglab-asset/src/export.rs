@@ -2,16 +2,18 @@
 //!
 //! [`onto`] writes the source again with another rig: materials, pictures, morph targets, names, extras,
 //! extensions and the nodes stay. A skeleton that is the source's own keeps its nodes and skins, and only
-//! weights that differ are written. Any other skeleton comes as a new armature beside the meshes, whose
-//! joints take the place of the old ones: nodes that were for the old joints alone go, and so does motion
+//! weights that differ are written; skins take in joints of others that these need. Only where vertices
+//! would be seen to move by that, and for any other skeleton, a new armature comes beside the meshes, whose
+//! joints take the place of the old ones: nodes that were for the old joints alone go, which is told, and so does motion
 //! of them. [`strip`] takes the rig out and leaves the meshes where the rest pose shows them.
 //!
 //! Human bones and springs go along: into a VRM in the words of its version, and from a rig that has none
-//! what the source says stays, as far as its joints do. Any other file gets `VRMC_springBone`, and the human
+//! what the source says stays, as far as its joints do; for new joints of the source's own skeleton it is told anew, in
+//! their axes. Any other file gets `VRMC_springBone`, and the human
 //! bones in `extras` of nodes; [`alone`] makes a VRM 1.0 where the author is known to have chosen its licence.
 //!
 //! Holds: what is written reads back with the same joints, heads and triangles, positions equal bit for
-//! bit, weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
+//! bit (where the source's own joints get other weights, within a millionth of the rig's size), weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
 //! byte for byte. With [`JointFrames::AlongBone`] heads and positions are equal within rounding of f32.
 //!
 //! Two things look different: geometry that was compressed (Draco, meshopt) is written plain, and the file
@@ -156,6 +158,15 @@ pub enum ExportNote {
         /// How far vertices are at most from where the source has them, by the diagonal of the model.
         share: f64,
     },
+    /// What was of the old joints beside what a rig holds went with them.
+    HungLost {
+        /// Nodes that hung on them: sockets, eyes, what colliders are of.
+        nodes: usize,
+        /// Human bones of a VRM that had none of the rig's joints.
+        bones: usize,
+        /// Nodes that followed others (`VRMC_node_constraint`).
+        constraints: usize,
+    },
     /// The file is a VRM that lacks human bones it must have.
     NotHuman {
         /// Their names in VRM 1.0.
@@ -243,6 +254,16 @@ impl fmt::Display for ExportNote {
                  from where the source has them",
                 100.0 * share
             ),
+            Self::HungLost { nodes, bones, constraints } => {
+                let parts = [
+                    (nodes, "node that hung on them", "nodes that hung on them"),
+                    (bones, "human bone", "human bones"),
+                    (constraints, "constraint", "constraints"),
+                ];
+                let told = parts.iter().filter(|(n, ..)| **n > 0).map(|(n, one, many)| of_number(**n, one, many));
+                let told: Vec<_> = told.collect();
+                write!(f, "the old joints gave way to new ones, and with them went {}", told.join(", "))
+            }
             Self::NotHuman { lacking } => write!(
                 f,
                 "programs that read VRM will refuse it: no {} was found among its joints, whatever they are called; another \

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use common::{Tiny, data, files, reborn};
 use riglab_asset::export::{self, ExportNote, ExportOptions, Exported, Influences, JointFrames};
+use riglab_asset::rigging::{Subject, SubjectOptions};
 use riglab_asset::{ImportOptions, Imported, import, import_bytes};
 use riglab_core::{
     Collider, HumanBone, Humanoid, Joint, JointId, Provenance, Rig, Shape, Skeleton, SkinWeights, Spring, SpringJoint,
@@ -334,6 +335,138 @@ fn springs_that_changed_go_to_the_joints_that_are_there() {
     // Who wrote it stands there all the same.
     assert!(bare["asset"]["extras"]["writer"].take().is_string());
     assert!(!bare.to_string().contains("VRM") && !bare.to_string().contains("riglab"), "{bare}");
+}
+
+#[test]
+fn tails_of_vrm_0_go_by_nodes_that_are_no_joints_too() {
+    let zero = json!({"VRM": {"secondaryAnimation": {"boneGroups": []}}});
+    let own = |joint: u16, tail| SpringJoint { joint: JointId(joint), tail: Some(tail), swing: Swing::default() };
+    let spring = Spring { joints: vec![own(0, [0.0, 2.0, 0.0]), own(1, [0.0, 2.07, 0.0])], ..Spring::default() };
+    let springs = Springs::new(vec![spring], vec![], vec![]).unwrap();
+    let tiny = Tiny::new().with("/extensions", zero);
+    // Where the first node below the hips is none of the joints, it is not their tail.
+    let helped = tiny
+        .clone()
+        .with("/nodes/1/children", json!([3, 2]))
+        .with("/nodes/-", json!({"name": "helper", "translation": [0.5, 0, 0]}));
+    for (tiny, added) in [(tiny, 0), (helped, 1)] {
+        let bytes = tiny.glb();
+        let imported = read(&bytes);
+        let rig = imported.rig().unwrap().clone().with_springs(springs.clone()).unwrap();
+        let exported = export::onto_bytes("a.vrm", &bytes, None, &imported, &rig, &ALL).unwrap();
+        assert_eq!(compare(read(&exported.bytes).rig().unwrap(), &rig), Ok(0));
+        let nodes = |bytes: &[u8]| document(bytes)["nodes"].as_array().unwrap().len();
+        assert_eq!(nodes(&exported.bytes), nodes(&bytes) + added);
+    }
+}
+
+/// A VRM 1.0 whose head has an eye that is no joint and carries a collider, and the inverse bind matrix of whose head is too
+/// large by so much.
+fn vrm_with_an_eye(too_large: f32) -> Tiny {
+    let matrix = |scale: f32, [x, y]: [f32; 2]| {
+        let mut m = [0.0f32; 16];
+        (m[0], m[5], m[10], m[15], m[12], m[13]) = (scale, scale, scale, 1.0, -scale * x, -scale * y);
+        m
+    };
+    let binds = [matrix(1.0, [0.0, 1.0]), matrix(1.0 + too_large, [1.0, 2.0])].concat();
+    let binds: Vec<u8> = binds.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let bone = |node: usize| json!({"node": node});
+    let springs = json!({
+        "colliders": [{"node": 3, "shape": {"sphere": {"offset": [0, 0.1, 0], "radius": 0.25}}}],
+        "colliderGroups": [{"colliders": [0]}],
+        "springs": [{"joints": [bone(1), bone(2), bone(3)], "colliderGroups": [0]}],
+    });
+    let bones = json!({"hips": bone(1), "head": bone(2), "leftEye": bone(3)});
+    let vrm = json!({"humanoid": {"humanBones": bones}, "lookAt": {"offsetFromHeadBone": [0, 0.06, 0]}});
+    let follows = json!({"VRMC_node_constraint": {"constraint": {"roll": {"source": 1, "rollAxis": "X"}}}});
+    let tiny = Tiny::new().with_accessor(5126, "MAT4", 2, &binds);
+    let own = tiny.accessors() - 1;
+    tiny.with("/skins/0/inverseBindMatrices", json!(own))
+        .with("/nodes/2", json!({"name": "tip", "translation": [1, 1, 0], "children": [3], "extensions": follows}))
+        .with("/nodes/-", json!({"name": "eye", "translation": [0, 0.25, 0.5]}))
+        .with("/extensions", json!({"VRMC_vrm": vrm, "VRMC_springBone": springs}))
+}
+
+/// A file with other weights, as from what makes them for a skeleton and knows nothing of bodies.
+fn skinned_anew(bytes: &[u8], rows: &[Vec<(u16, f64)>], options: &ExportOptions) -> Exported {
+    let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
+    let subject = Subject::from_bytes("a.vrm", bytes, None, &keep).unwrap();
+    let weights = SkinWeights::normalized(rows.iter().cloned()).unwrap();
+    let rig = subject.rigged(subject.old_rig().unwrap().skeleton().clone(), weights).unwrap();
+    subject.attach(&rig, options).unwrap()
+}
+
+#[test]
+fn bodies_stay_where_weights_change() {
+    let halves = vec![vec![(0, 0.5), (1, 0.5)]; 4];
+    // Vertices move by what rounding left, and all stays as it was.
+    let bytes = vrm_with_an_eye(2e-7).glb();
+    let exported = skinned_anew(&bytes, &halves, &ALONG);
+    assert_eq!(exported.notes, []);
+    for key in ["nodes", "extensions"] {
+        assert_eq!(document(&exported.bytes)[key], document(&bytes)[key]);
+    }
+    // By more: the joints are new, and what is said of the old ones is said of them, or told to be gone.
+    let bytes = vrm_with_an_eye(1e-4).glb();
+    let before = read(&bytes);
+    let before = before.rig().unwrap();
+    for options in [ALL, ALONG] {
+        let exported = skinned_anew(&bytes, &halves, &options);
+        let written = document(&exported.bytes);
+        assert!(written["nodes"].as_array().unwrap().iter().any(|node| node["name"] == "Armature"));
+        let back = read(&exported.bytes);
+        assert_eq!(compare(back.rig().unwrap(), before), Ok(0));
+        all_colliders(back.rig().unwrap(), before);
+        let [ExportNote::NotHuman { lacking }, lost] = &exported.notes[..] else { panic!("{:?}", exported.notes) };
+        assert!(lacking.len() == 13 && !lacking.contains(&"head".to_owned()), "{lacking:?}");
+        assert_eq!(*lost, ExportNote::HungLost { nodes: 1, bones: 1, constraints: 1 });
+        // Half of a right angle from the scene's y, as the bone is.
+        let turned = if options == ALONG { 0.06 * 0.5f64.sqrt() } else { 0.0 };
+        let offset = &written["extensions"]["VRMC_vrm"]["lookAt"]["offsetFromHeadBone"];
+        let along = if options == ALONG { turned } else { 0.06 };
+        for (k, wanted) in [-turned, along, 0.0].into_iter().enumerate() {
+            assert!((offset[k].as_f64().unwrap() - wanted).abs() < 1e-6, "{offset}");
+        }
+    }
+    // Files that are no VRM tell bones by extras.
+    let plain = vrm_with_an_eye(1e-4)
+        .with("/extensions", json!({}))
+        .with("/nodes/1/extras", json!({"riglabHumanBone": "hips", "mine": 1}));
+    let exported = skinned_anew(&plain.glb(), &halves, &ALONG);
+    let back = read(&exported.bytes);
+    assert_eq!(back.rig().unwrap().humanoid().joint("hips".parse().unwrap()), Some(JointId(0)));
+}
+
+#[test]
+fn skins_take_in_the_joints_that_new_weights_need() {
+    let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
+    let mut bind = [0.0f32; 16];
+    (bind[0], bind[5], bind[10], bind[15], bind[13]) = (1.0, 1.0, 1.0, 1.0, -1.0);
+    let tiny = Tiny::new()
+        .with_accessor(5121, "VEC4", 4, &[0; 16])
+        .with_accessor(5126, "VEC4", 4, &floats(&[[1.0, 0.0, 0.0, 0.0]; 4].concat()))
+        .with_accessor(5126, "MAT4", 1, &floats(&bind));
+    let first = tiny.accessors() - 3;
+    let attributes = json!({"POSITION": 0, "JOINTS_0": first, "WEIGHTS_0": first + 1});
+    let tiny = tiny
+        .with("/nodes/-", json!({"name": "cloth", "mesh": 1, "skin": 1}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": attributes, "indices": 3}]}))
+        .with("/skins/-", json!({"joints": [1], "inverseBindMatrices": first + 2}));
+    let rows: Vec<Vec<(u16, f64)>> =
+        (0..8).map(|v| if v < 4 { vec![(0, 0.5), (1, 0.5)] } else { vec![(1, 1.0)] }).collect();
+    let joined = |tiny: &Tiny| {
+        let exported = skinned_anew(&tiny.glb(), &rows, &ALL);
+        let (back, written) = (read(&exported.bytes), document(&exported.bytes));
+        let rig = back.rig().unwrap();
+        assert_eq!(rig.skeleton(), read(&tiny.glb()).rig().unwrap().skeleton());
+        assert!((4..8).all(|v| rig.weights().row(v).map(|(j, w)| (j.0, w)).eq([(1, 1.0)])));
+        (written["nodes"] == tiny.document["nodes"]).then(|| written["skins"][1]["joints"].clone())
+    };
+    assert_eq!(joined(&tiny), Some(json!([1, 2])));
+    assert_eq!(joined(&tiny.clone().with("/skins/1/skeleton", json!(1))), Some(json!([1, 2])));
+    // A joint that its root does not hold, and matrices that are not there.
+    assert_eq!(joined(&tiny.clone().with("/skins/1/skeleton", json!(3))), None);
+    assert_eq!(joined(&tiny.with("/skins/1", json!({"joints": [1]}))), None);
 }
 
 /// All bones that VRM asks for, on joints of their own; the left at `left` along x.

@@ -123,6 +123,11 @@ impl Binds {
         self.frames[node].unwrap_or(DAffine3::IDENTITY)
     }
 
+    /// Whether a node is a joint, or one between joints and what they have in common.
+    pub(super) fn is_bone(&self, node: usize) -> bool {
+        self.frames[node].is_some()
+    }
+
     /// From the space of every node to the scene at rest: what is no bone goes with the node above it.
     pub(super) fn rests(&self, nodes: &Nodes) -> Vec<DAffine3> {
         let mut rests = vec![DAffine3::IDENTITY; nodes.len() + 1];

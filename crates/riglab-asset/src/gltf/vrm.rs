@@ -17,7 +17,7 @@ use super::nodes::Nodes;
 use super::placing;
 use super::skins::Skins;
 use crate::{Body, Warning};
-pub(super) use springs::LEAF;
+pub(super) use springs::{LEAF, tail0};
 
 /// The member of a node's `extras` that tells which human bone it is, in files that are no VRM.
 pub(super) const BONE_EXTRA: &str = "riglabHumanBone";

@@ -1,6 +1,6 @@
 //! A rig put into a document.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use glam::DAffine3;
 use riglab_core::{JointId, Provenance, Rig, Spring, Vec3};
@@ -15,11 +15,12 @@ use super::remove::{self, Successors};
 use super::rows::Rows;
 use super::scene::{Leaves, Same, Scene, Surface, Weights};
 use super::springs::{self, Joints};
-use super::{animations, frames, humanoid};
+use super::{animations, frames, humanoid, vrm};
 use crate::nearest::nearest_others;
 use crate::{ExportNote, ExportOptions, Fault, Influences, Reading};
 
-/// How far a vertex may move for the sake of animations and of what hangs on joints, as a share of the rig's diagonal.
+/// How far a vertex may move where weights are written on the joints that are there, as a share of the rig's diagonal: what
+/// their maps differ by rounding.
 const SMALL: f64 = 1e-6;
 
 /// What is written, and to what.
@@ -42,9 +43,9 @@ pub(super) fn by_node<'s>(surfaces: impl Iterator<Item = &'s Surface>) -> BTreeM
 
 impl Binder<'_, '_> {
     /// Writes the weights of the rig on the joints that are there already, with their skins; what fits is left
-    /// as it is. False, and nothing done, where they cannot all be told so, or where vertices would move and
-    /// nothing is lost by a skeleton that keeps them in place: no animation, and nothing that hangs on a joint.
-    pub(super) fn keep_skeleton(&mut self, same: &Same<'_>, reading: &Reading) -> Result<bool, Fault> {
+    /// as it is. False, and nothing done, where they cannot all be told so, or where vertices would be seen to move; of weights
+    /// that are those of `before`, as read and mended, where any bit of them would, and no more is lost with the old joints.
+    pub(super) fn keep_skeleton(&mut self, same: &Same<'_>, before: &Rig, reading: &Reading) -> Result<bool, Fault> {
         let weights = same.rig.weights();
         let most = self.options.influences.most();
         let changed: Vec<&Surface> = self
@@ -53,22 +54,22 @@ impl Binder<'_, '_> {
             .iter()
             .filter(|s| s.weights != Weights::Fit || s.vertices.clone().any(|v| weights.row(v).len() > most))
             .collect();
-        let mut most_shift: f64 = 0.0;
-        for surface in &changed {
-            match surface.weights {
-                Weights::Fit if surface.skin.is_some() => {}
-                Weights::Change { shift } => most_shift = most_shift.max(shift),
-                _ => return Ok(false),
-            }
-        }
         let unseen = SMALL * f64::from(same.rig.bounds().diagonal());
-        let loses = || !self.draft.list("animations").is_empty() || self.scene.joints_carry(self.draft);
-        if most_shift > 0.0 && !(most_shift <= unseen && loses()) {
+        let fits = |surface: &&Surface| match surface.weights {
+            Weights::Fit => surface.skin.is_some(),
+            Weights::Mend { shift } | Weights::Change { shift } => shift <= unseen,
+            Weights::Foreign => false,
+        };
+        let moves = |surface: &&Surface| matches!(surface.weights, Weights::Mend { shift } if shift > 0.0);
+        let is_other = |surface: &&Surface| matches!(surface.weights, Weights::Change { .. });
+        let only_mended = changed.iter().any(moves) && !changed.iter().any(is_other);
+        if !changed.iter().all(fits) || only_mended && !self.loses(before) {
             return Ok(false);
         }
+        let skins = self.widen_skins(&changed);
         // The slot of each of the rig's joints, by skin.
         let mut slots: HashMap<usize, HashMap<u16, u16>> = HashMap::new();
-        for (skin, joints) in self.scene.skins.iter().enumerate() {
+        for (skin, joints) in skins.iter().enumerate() {
             let slot_of: HashMap<usize, u16> = joints.iter().copied().zip(0..).collect();
             let by_joint = reading.joints.iter().zip(&same.joint_of);
             slots.insert(skin, by_joint.filter_map(|(j, &new)| Some((new, *slot_of.get(&j.node)?))).collect());
@@ -80,7 +81,7 @@ impl Binder<'_, '_> {
             for surface in surfaces {
                 let skin = surface.skin.unwrap_or(0);
                 let rows = self.rows(surface, same.rig, |joint| slots[&skin][&joint]);
-                let attributes = rows.write(self.draft, self.scene.skins[skin].len());
+                let attributes = rows.write(self.draft, skins[skin].len());
                 for &primitive in &surface.primitives {
                     place::set_influences(self.draft, (mesh, primitive), &attributes);
                 }
@@ -91,49 +92,80 @@ impl Binder<'_, '_> {
         Ok(true)
     }
 
+    /// Whether more than joints would go with the old ones.
+    fn loses(&self, before: &Rig) -> bool {
+        let draft = &*self.draft;
+        let says_of_body = !before.humanoid().is_empty() || !before.springs().is_empty() || vrm::constrained(draft) > 0;
+        says_of_body || !draft.list("animations").is_empty() || !self.scene.carried(draft).is_empty()
+    }
+
+    /// Gives skins the joints that new weights of their surfaces need, with the matrices that other skins have for them; gives
+    /// the joints of all skins, as nodes, by slot.
+    fn widen_skins(&mut self, changed: &[&Surface]) -> Vec<Vec<usize>> {
+        let mut skins = self.scene.skins.clone();
+        let mut lacking: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+        for surface in changed.iter().filter(|surface| !surface.lacks.is_empty()) {
+            lacking.entry(surface.skin.unwrap_or(0)).or_default().extend(&surface.lacks);
+        }
+        for (skin, nodes) in lacking {
+            let scene = self.scene;
+            let of = |&(other, slot): &(usize, usize)| Some(scene.inverse_binds[other].as_ref()?[slot]);
+            let matrix = |node: &usize| scene.bound_by.get(node).and_then(of).unwrap_or(DAffine3::IDENTITY);
+            let own = scene.inverse_binds[skin].iter().flatten().copied();
+            let all: Vec<DAffine3> = own.chain(nodes.iter().map(matrix)).collect();
+            skins[skin].extend(&nodes);
+            let binds = self.draft.accessor(&frames::matrices(all.into_iter()), MAT4, None);
+            let own = &mut self.draft.list_mut("skins")[skin];
+            own["joints"] = json!(skins[skin]);
+            own["inverseBindMatrices"] = json!(binds);
+        }
+        skins
+    }
+
     /// Writes the human bones and springs of the rig on the joints that are there, where they are not those
-    /// that were read.
-    pub(super) fn change_body(&mut self, same: &Same<'_>, before: &Rig, reading: &Reading) {
+    /// that were read. Of a rig without any those that are there stay.
+    pub(super) fn change_body(&mut self, same: &Same<'_>, before: &Rig) {
         let (rig, skeleton) = (same.rig, same.rig.skeleton());
+        let has = [!rig.humanoid().is_empty(), !rig.springs().is_empty()];
         let changed = [rig.humanoid() != before.humanoid(), rig.springs() != before.springs()];
-        if changed == [false; 2] {
+        let [humanoid, springs] = [0, 1].map(|part| has[part] && changed[part]);
+        if !humanoid && !springs {
             return;
         }
         // A root that was put above several is in no file.
-        if reading.joints.len() < skeleton.len() {
+        let Some(nodes) = same.nodes.iter().copied().collect::<Option<Vec<usize>>>() else {
             self.notes.push(ExportNote::BodyLeft);
             return;
-        }
-        let mut nodes = vec![0; skeleton.len()];
-        for (joint, &new) in reading.joints.iter().zip(&same.joint_of) {
-            nodes[usize::from(new)] = joint.node;
-        }
+        };
         let frames = nodes.iter().map(|&node| self.scene.rests[node]).collect();
-        let joints = Joints { skeleton, nodes, frames };
-        if changed[0] {
-            humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint));
+        let joints = Joints { skeleton, nodes, frames, scene: Some(self.scene) };
+        if humanoid {
+            humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint), &self.scene.is_joint);
         }
-        if changed[1] {
-            springs::set(self.draft, rig, &joints, self.notes);
+        if springs {
+            springs::set(self.draft, rig.springs(), &joints, self.notes);
         }
     }
 
     /// Puts a skeleton of its own beside the meshes, and binds all of them to it. Old skins and joints go. It stands `off` from
     /// where the rig is, and so do the meshes, whose own places do not matter once they are skinned. Joints of `loose` stand
-    /// beside the root.
+    /// beside the root. Human bones and springs that the rig lacks are those of `before`, a rig of the same skeleton.
     pub(super) fn new_skeleton(
         &mut self,
         rig: &Rig,
+        before: Option<&Rig>,
         reading: &Reading,
         off: Vec3,
         loose: &[JointId],
     ) -> Result<(), Fault> {
         let (draft, scene) = (&mut *self.draft, self.scene);
         let skeleton = rig.skeleton();
+        let springs = Some(rig.springs()).filter(|own| !own.is_empty()).or(before.map(Rig::springs));
+        let humanoid = Some(rig.humanoid()).filter(|own| !own.is_empty()).or(before.map(Rig::humanoid));
         let turned = frames::of(skeleton, self.options.frames);
         // Springs go from joint to joint: what one may go to hangs there.
         let swings = |spring: &Spring| spring.joints.iter().any(|own| own.joint == JointId(0));
-        let loose = if rig.springs().springs().iter().any(swings) { &[] } else { loose };
+        let loose = if springs.is_some_and(|own| own.springs().iter().any(swings)) { &[] } else { loose };
         let root = frames::add_joints(draft, skeleton, &turned, loose);
         let roots: Vec<usize> = [root].into_iter().chain(loose.iter().map(|joint| root + joint.index())).collect();
         let armature = draft.push("nodes", json!({"name": "Armature", "children": roots}));
@@ -189,14 +221,27 @@ impl Binder<'_, '_> {
         let names: HashMap<&str, usize> = skeleton.names().iter().map(String::as_str).zip(root..).collect();
         let new = reading.joints.iter().filter_map(|j| Some((j.node, *names.get(j.name.as_str())?)));
         let successors = Successors { joints: new.collect(), meshes: moved };
-        let joints = Joints { skeleton, nodes: joints, frames: turned };
-        humanoid::set(self.draft, rig.humanoid(), |joint| joints.node(joint));
+        let joints = Joints { skeleton, nodes: joints, frames: turned, scene: None };
+        vrm::turn_offsets(self.draft, scene, &joints, &successors.joints);
+        // A VRM's own words stay where they are of the same joints, to which they are led.
+        let told = before.is_some_and(|before| humanoid == Some(before.humanoid())) && humanoid::is_vrm(self.draft);
+        if let Some(humanoid) = humanoid.filter(|_| !told) {
+            humanoid::set(self.draft, humanoid, |joint| joints.node(joint), &scene.is_joint);
+        }
+        let before_springs = self.notes.len();
+        if let Some(springs) = springs {
+            springs::set(self.draft, springs, &joints, self.notes);
+        }
+        let hung = scene.carried(self.draft);
+        let lost = remove::old_rig(self.draft, scene, &successors, self.notes);
         let lacking = humanoid::lacking_of_vrm(self.draft);
         if !lacking.is_empty() {
-            self.notes.push(ExportNote::NotHuman { lacking });
+            self.notes.insert(before_springs, ExportNote::NotHuman { lacking });
         }
-        springs::set(self.draft, rig, &joints, self.notes);
-        remove::old_rig(self.draft, scene, &successors, self.notes);
+        let nodes = hung.iter().filter(|&&node| lost.nodes[node]).count();
+        if nodes + lost.bones + lost.constraints > 0 {
+            self.notes.push(ExportNote::HungLost { nodes, bones: lost.bones, constraints: lost.constraints });
+        }
         Ok(())
     }
 
@@ -301,9 +346,9 @@ pub(super) fn alone(
     draft.json["meshes"] = json!([{"name": name, "primitives": [primitive]}]);
     let look = json!({"baseColorFactor": [0.8, 0.8, 0.8, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8});
     draft.json["materials"] = json!([{"name": "default", "pbrMetallicRoughness": look}]);
-    let joints = Joints { skeleton, nodes: joints, frames: turned };
+    let joints = Joints { skeleton, nodes: joints, frames: turned, scene: None };
     humanoid::set_alone(&mut draft, name, rig, from, |joint| joints.node(joint), notes);
-    springs::set(&mut draft, rig, &joints, notes);
+    springs::set(&mut draft, rig.springs(), &joints, notes);
     draft
 }
 

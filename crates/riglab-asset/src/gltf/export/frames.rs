@@ -81,11 +81,15 @@ pub(super) fn add_joints(draft: &mut Draft, skeleton: &Skeleton, frames: &[DAffi
     first
 }
 
-/// The inverse bind matrices as bytes, column by column.
+/// The inverse bind matrices of joints as bytes.
 pub(super) fn inverse_binds(frames: &[DAffine3]) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(64 * frames.len());
-    for frame in frames {
-        let inverse = frame.inverse();
+    matrices(frames.iter().map(DAffine3::inverse))
+}
+
+/// Matrices as bytes, column by column.
+pub(super) fn matrices(all: impl Iterator<Item = DAffine3>) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(64 * all.size_hint().0);
+    for inverse in all {
         for (column, last) in [inverse.matrix3.x_axis, inverse.matrix3.y_axis, inverse.matrix3.z_axis]
             .into_iter()
             .zip([0.0f32; 3])

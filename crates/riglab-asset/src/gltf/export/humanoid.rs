@@ -13,32 +13,48 @@ use riglab_core::{HumanBone, Humanoid, JointId, Provenance, Rig};
 use serde_json::{Map, Value, json};
 
 use super::super::vrm::BONE_EXTRA;
-use super::draft::{Draft, remove};
+use super::draft::{Draft, index, remove};
 use super::vrm::VRM1;
 use crate::ExportNote;
 
 /// The licence whose terms the fields of VRM 1.0 fill in.
 const LICENCE: &str = "https://vrm.dev/licenses/1.0/";
 
+/// Whether a document is a VRM.
+pub(super) fn is_vrm(draft: &Draft) -> bool {
+    [VRM1, "VRM"].iter().any(|name| draft.json["extensions"][name].is_object())
+}
+
 /// Writes the human bones of a rig in the words of the document. A rig without any leaves those that the
-/// document has. `node` gives the node of a joint.
-pub(super) fn set(draft: &mut Draft, humanoid: &Humanoid, node: impl Fn(JointId) -> usize) {
+/// document has. `node` gives the node of a joint; bones of a VRM on nodes that are no joints (`is_joint`), of which a rig says
+/// nothing, stay.
+pub(super) fn set(draft: &mut Draft, humanoid: &Humanoid, node: impl Fn(JointId) -> usize, is_joint: &[bool]) {
     let bones: Vec<(&str, usize)> = humanoid.iter().map(|(bone, joint)| (bone.name(), node(joint))).collect();
     if bones.is_empty() {
         return;
     }
     forget_extras(draft);
-    let is_vrm = |draft: &Draft, name: &str| draft.json["extensions"][name].is_object();
-    if is_vrm(draft, VRM1) {
-        draft.json["extensions"][VRM1]["humanoid"] = in_1(&bones);
-    } else if is_vrm(draft, "VRM") {
+    let has = |draft: &Draft, name: &str| draft.json["extensions"][name].is_object();
+    let stays = |name: Option<&str>, bone: &Value, names: fn(&str) -> &str| {
+        let known = name.is_some_and(|name| bones.iter().all(|(own, _)| names(own) != name));
+        known && index(&bone["node"]).is_some_and(|node| is_joint.get(node) == Some(&false))
+    };
+    if has(draft, VRM1) {
+        let mut own = in_1(&bones);
+        let before = draft.json["extensions"][VRM1]["humanoid"]["humanBones"].as_object();
+        let others = before.into_iter().flatten().filter(|(name, bone)| stays(Some(name.as_str()), bone, |name| name));
+        others.for_each(|(name, bone)| own["humanBones"][name] = bone.clone());
+        draft.json["extensions"][VRM1]["humanoid"] = own;
+    } else if has(draft, "VRM") {
         let own = &mut draft.json["extensions"]["VRM"]["humanoid"];
         // What else it says of the body, such as the stretch of arms, stays.
         if !own.is_object() {
             *own = json!({});
         }
         let bone = |&(name, node)| json!({"bone": name_in_0(name), "node": node, "useDefaultValues": true});
-        own["humanBones"] = bones.iter().map(bone).collect();
+        let before = own["humanBones"].as_array().map_or(&[][..], Vec::as_slice);
+        let others = before.iter().filter(|bone| stays(bone["bone"].as_str(), bone, name_in_0)).cloned();
+        own["humanBones"] = bones.iter().map(bone).chain(others).collect();
     } else {
         set_extras(draft, &bones);
     }

@@ -68,11 +68,11 @@ pub(crate) fn onto(
         let scene = Scene::new(&source, reading, same.as_ref())?.ok_or(ExportFault::OtherSource)?;
         let mut binder = Binder { draft, accessors: source.accessors, scene: &scene, options, notes };
         match (&same, before) {
-            (Some(same), Some(before)) if binder.keep_skeleton(same, reading)? => {
-                binder.change_body(same, before, reading);
+            (Some(same), Some(before)) if binder.keep_skeleton(same, before, reading)? => {
+                binder.change_body(same, before);
             }
             _ => {
-                binder.new_skeleton(rig, reading, off, loose)?;
+                binder.new_skeleton(rig, before, reading, off, loose)?;
                 tell_size(reading, notes);
             }
         }

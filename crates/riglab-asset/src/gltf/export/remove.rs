@@ -25,8 +25,18 @@ pub(super) struct Successors {
     pub(super) meshes: Moved,
 }
 
+/// What went with a rig.
+pub(super) struct Lost {
+    /// By node.
+    pub(super) nodes: Vec<bool>,
+    /// Human bones of a VRM.
+    pub(super) bones: usize,
+    /// Nodes that were to follow others.
+    pub(super) constraints: usize,
+}
+
 /// Drops skins that no node has any more, and the nodes that were for their joints alone.
-pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors, notes: &mut Vec<ExportNote>) {
+pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors, notes: &mut Vec<ExportNote>) -> Lost {
     let nodes = &scene.nodes;
     let kept_skins = drop_skins(draft);
     let mut is_joint = scene.is_joint.clone();
@@ -53,7 +63,8 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
         notes.push(ExportNote::MotionDropped { channels });
     }
     vrm::follow_meshes(&mut draft.json, mesh_at);
-    vrm::follow_joints(draft, &|node| {
+    let constrained = vrm::constrained(draft);
+    let bones = vrm::follow_joints(draft, &|node| {
         let lost = old(node) || is_joint.get(node).copied().unwrap_or(false);
         successors.joints.get(&node).copied().or((!lost).then_some(node))
     });
@@ -67,6 +78,8 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
         drop_from(shown, "nodes", old);
     }
     finish::drop_nodes(draft, &gone);
+    let constraints = constrained - vrm::constrained(draft);
+    Lost { nodes: gone, bones, constraints }
 }
 
 /// Drops the skins without a node; gives the old numbers of those that stay.

@@ -1,6 +1,6 @@
 //! What of a document a rig is about: the primitives its vertices come from, and the joints.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -44,6 +44,8 @@ pub(super) struct Surface {
     pub(super) turned: bool,
     /// What weights of a rig on the file's own joints mean for it.
     pub(super) weights: Weights,
+    /// The joints, as nodes, that its skin has to take in for these weights.
+    pub(super) lacks: BTreeSet<usize>,
 }
 
 /// What comes of writing a rig's weights on the joints and skin that are there.
@@ -51,9 +53,11 @@ pub(super) struct Surface {
 pub(super) enum Weights {
     /// The file has them already.
     Fit,
+    /// They are the file's, but for what was repaired as they were read. They can be written, as others can.
+    Mend { shift: f64 },
     /// They can be written. Where the maps of joints differ a little, vertices move: at most so far.
     Change { shift: f64 },
-    /// They cannot: a joint is not of the skin, or there is no skin.
+    /// They cannot: a joint is not of the skin and cannot be, or there is no skin.
     Foreign,
 }
 
@@ -75,6 +79,11 @@ pub(super) struct Scene {
     pub(super) is_joint: Vec<bool>,
     /// The joints of each skin, as nodes, by slot.
     pub(super) skins: Vec<Vec<usize>>,
+    /// The inverse bind matrices of each skin, by slot, where it has any. These and the next are asked of a rig on the file's own
+    /// joints alone, and else empty.
+    pub(super) inverse_binds: Vec<Option<Vec<DAffine3>>>,
+    /// Which skin and slot says last where a joint, as a node, was bound.
+    pub(super) bound_by: HashMap<usize, (usize, usize)>,
     /// In the order of the rig's vertices.
     pub(super) surfaces: Vec<Surface>,
 }
@@ -86,6 +95,8 @@ pub(super) struct Same<'a> {
     pub(super) joint_of: Vec<u16>,
     /// The same by node. Joints of characters that were not read are in none.
     by_node: HashMap<usize, u16>,
+    /// The node of each of the rig's joints; none of a root that was put above several.
+    pub(super) nodes: Vec<Option<usize>>,
 }
 
 impl<'a> Same<'a> {
@@ -94,8 +105,11 @@ impl<'a> Same<'a> {
         let names: HashMap<&str, u16> = rig.skeleton().names().iter().map(String::as_str).zip(0..).collect();
         let joint_of = reading.joints.iter().map(|joint| names.get(joint.name.as_str()).copied());
         let joint_of: Vec<u16> = joint_of.collect::<Option<_>>()?;
-        let by_node = reading.joints.iter().map(|joint| joint.node).zip(joint_of.iter().copied()).collect();
-        Some(Self { rig, joint_of, by_node })
+        let by_node: HashMap<usize, u16> =
+            reading.joints.iter().map(|joint| joint.node).zip(joint_of.iter().copied()).collect();
+        let mut nodes = vec![None; rig.skeleton().len()];
+        by_node.iter().for_each(|(&node, &joint)| nodes[usize::from(joint)] = Some(node));
+        Some(Self { rig, joint_of, by_node, nodes })
     }
 }
 
@@ -114,6 +128,9 @@ impl Scene {
         let sources = primitives::collect(document, accessors, &mut warnings)?;
         let binds = Binds::new(&nodes, &skins, &sources, accessors, &mut warnings);
         let scene = placing::Scene { accessors, nodes: &nodes, skins: &skins, binds: &binds };
+        let bound_by = same.map(|_| bound_by(&skins)).unwrap_or_default();
+        let bends = reading.warnings.iter().any(|warning| matches!(warning, Warning::Bent { .. }));
+        let wider = Wider { nodes: &nodes, skins: &skins, binds: &binds, bound_by: &bound_by, bends };
 
         let source_of: HashMap<(usize, usize), usize> =
             sources.parts.iter().map(|part| ((part.node, part.primitive), part.vertex_set)).collect();
@@ -131,15 +148,23 @@ impl Scene {
                 return Ok(None);
             };
             let Some(map) = scene.map(source).filter(|_| source.numbers == set.numbers) else { return Ok(None) };
+            let mut lacks = BTreeSet::new();
             let weights = match (same, source.skin) {
                 (Some(same), Some(skin)) => {
-                    let rows = Stored { source, skin, maps: binds.maps(skin), placed: &set.positions };
-                    rows.compare(accessors, rounded, &skins, same, vertices.clone())?
+                    let mut rows = Stored {
+                        source,
+                        skin,
+                        wider: &wider,
+                        placed: &set.positions,
+                        unweighted: &set.unweighted,
+                        lacks: &mut lacks,
+                    };
+                    rows.compare(accessors, rounded, same, vertices.clone())?
                 }
                 // A rigid part hangs on its joint and nothing else.
                 (Some(same), None)
                     if set.weights.as_ref().is_some_and(|w| {
-                        equal(w, |joint| same.joint_of[usize::from(joint)], same.rig, vertices.clone())
+                        equal(w, |joint| same.joint_of[usize::from(joint)], same.rig, vertices.clone(), &[])
                     }) =>
                 {
                     Weights::Fit
@@ -157,12 +182,14 @@ impl Scene {
                 map,
                 turned: is_mirrored(source.skin.map_or(&map, |_| nodes.global(source.place.node))),
                 weights,
+                lacks,
             });
         }
         let is_joint = (0..nodes.len()).map(|node| skins.joint_of_node(node).is_some()).collect();
-        let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
         let rests = binds.rests(&nodes);
-        Ok(Some(Self { nodes, rests, is_joint, skins, surfaces }))
+        let inverse_binds = skins.iter().filter(|_| same.is_some()).map(|skin| skin.inverse_binds.clone()).collect();
+        let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
+        Ok(Some(Self { nodes, rests, is_joint, skins, inverse_binds, bound_by, surfaces }))
     }
 
     /// What becomes of the node of a mesh that takes a skin: what a joint carries goes with the joint, and what mirrors a node
@@ -177,19 +204,23 @@ impl Scene {
         }
     }
 
-    /// Whether something hangs on a joint that is neither one itself nor a mesh that is rigged: a socket, a camera. What
-    /// exporters put where bones end is nothing.
-    pub(super) fn joints_carry(&self, draft: &Draft) -> bool {
+    /// The nodes that hang on joints and are neither joints themselves nor meshes that are rigged: sockets, what colliders are
+    /// of, eyes. What exporters put where bones end is nothing.
+    pub(super) fn carried(&self, draft: &Draft) -> Vec<usize> {
         let rigged: HashSet<usize> = self.surfaces.iter().map(|s| s.node).collect();
-        let is_end =
-            |node: usize| draft.list("nodes")[node]["name"].as_str().is_some_and(|name| name.ends_with("_end"));
+        let name = |node: usize| draft.list("nodes").get(node).and_then(|own| own.get("name")?.as_str());
+        let is_end = |node: usize| name(node).is_some_and(|name| name.ends_with("_end"));
         // Those above come first, so that no way up is gone twice.
         let mut below = vec![false; self.nodes.len() + 1];
-        self.nodes.order().iter().any(|&node| {
+        let mut carried = Vec::new();
+        for &node in self.nodes.order() {
             let hangs = below[self.nodes.parent(node)];
             below[node] = hangs || self.is_joint[node];
-            hangs && !self.is_joint[node] && !rigged.contains(&node) && !is_end(node)
-        })
+            if hangs && !self.is_joint[node] && !rigged.contains(&node) && !is_end(node) {
+                carried.push(node);
+            }
+        }
+        carried
     }
 
     /// Whether a node is, or hangs below, a joint.
@@ -204,26 +235,77 @@ impl Scene {
     }
 }
 
+/// Which skin and slot, of those that have inverse bind matrices, is the last with each joint: what the importer goes by.
+fn bound_by(skins: &Skins) -> HashMap<usize, (usize, usize)> {
+    let known = skins.iter().enumerate().filter(|(_, skin)| skin.inverse_binds.is_some());
+    known.flat_map(|(s, skin)| skin.joints.iter().enumerate().map(move |(slot, &node)| (node, (s, slot)))).collect()
+}
+
+/// What skins may take in: joints of others, as these have them.
+struct Wider<'a> {
+    nodes: &'a Nodes,
+    skins: &'a Skins,
+    binds: &'a Binds,
+    bound_by: &'a HashMap<usize, (usize, usize)>,
+    /// Whether the rest pose of a skin would bend its mesh, so that nothing is sure of any.
+    bends: bool,
+}
+
+impl Wider<'_> {
+    /// From the mesh of a skin to the scene, by a joint that another skin has and this one is to take in with the matrix that is
+    /// there; `None` where it cannot, or the file might be read otherwise with it.
+    fn map(&self, skin: usize, node: usize) -> Option<DAffine3> {
+        let (other, slot) = *self.bound_by.get(&node).filter(|_| !self.bends)?;
+        let own = self.skins.get(skin).filter(|own| own.inverse_binds.is_some())?;
+        let below = |root: usize| node == root || self.nodes.is_below(node, root);
+        if !own.skeleton.is_none_or(below) {
+            return None;
+        }
+        // What lies between its joints and the node that they have in common is read as bones.
+        let before = self.nodes.common(own.joints.iter().copied().chain(own.skeleton));
+        let mut above = self.nodes.common([before, node].into_iter());
+        if own.joints.contains(&above) || above == node {
+            above = self.nodes.parent(above);
+        }
+        let mut ways = [before, node].into_iter();
+        ways.all(|from| self.are_bones(from, above)).then(|| self.binds.maps(other)[slot])
+    }
+
+    /// Whether all nodes from one up to another, which is left out, are bones.
+    fn are_bones(&self, mut node: usize, above: usize) -> bool {
+        while node != above && node != self.nodes.top() {
+            if !self.binds.is_bone(node) {
+                return false;
+            }
+            node = self.nodes.parent(node);
+        }
+        true
+    }
+}
+
 /// A skinned surface as the file has it.
 struct Stored<'a> {
     source: &'a SourceSet,
     skin: usize,
-    /// From the mesh to the scene, by slot.
-    maps: &'a [DAffine3],
+    wider: &'a Wider<'a>,
     /// Where the vertices are.
     placed: &'a [[f32; 3]],
+    /// Which of them have no weights in the file, rising.
+    unweighted: &'a [u32],
+    /// See [`Surface::lacks`].
+    lacks: &'a mut BTreeSet<usize>,
 }
 
 impl Stored<'_> {
     /// The rows of the file against those of the rig.
     fn compare(
-        &self,
+        &mut self,
         accessors: &Accessors<'_>,
         rounded: &HashSet<usize>,
-        skins: &Skins,
         same: &Same<'_>,
         vertices: Range<usize>,
     ) -> Result<Weights, Fault> {
+        let skins = self.wider.skins;
         let mut repairs = Repairs::default();
         let rows = influences::read(self.source, self.skin, accessors, skins, &mut repairs)?;
         let mut mended = Vec::new();
@@ -242,37 +324,54 @@ impl Stored<'_> {
         }
         let joint = |slot: u16| joints[usize::from(slot)].unwrap_or_default();
         let by_joint = all.map(|row| row.iter().map(|&(slot, weight)| (joint(slot), weight)));
-        let equal = equal(&SkinWeights::normalized(by_joint)?, |joint| joint, same.rig, vertices.clone());
+        let stored = SkinWeights::normalized(by_joint)?;
+        let equal_but = |but: &[u32]| equal(&stored, |joint| joint, same.rig, vertices.clone(), but);
+        let equal = equal_but(&[]);
+        // Vertices without weights in the file have some in any rig.
+        let is_own = equal || (!self.unweighted.is_empty() && equal_but(self.unweighted));
         if equal && mended.is_empty() {
             return Ok(Weights::Fit);
         }
         let slots: HashMap<u16, u16> = joints.iter().zip(0..).filter_map(|(j, slot)| Some(((*j)?, slot))).collect();
-        Ok(match self.shift(&slots, same.rig, vertices) {
+        Ok(match self.shift(slots, same, vertices.clone()) {
             // Sums other than 1 are mended, unless that would move a vertex.
             Some(shift) if equal && shift > 0.0 && matches!(mended[..], [Warning::NotNormalised { .. }]) => {
                 Weights::Fit
             }
+            Some(shift) if is_own => Weights::Mend { shift },
             Some(shift) => Weights::Change { shift },
             None => Weights::Foreign,
         })
     }
 
     /// How far vertices move at most when the rig's weights are written; `None` where a joint is not of the
-    /// skin.
-    fn shift(&self, slots: &HashMap<u16, u16>, rig: &Rig, vertices: Range<usize>) -> Option<f64> {
+    /// skin and cannot be. `slots` are those of the rig's joints; joints that the skin is to take in get the next ones.
+    fn shift(&mut self, mut slots: HashMap<u16, u16>, same: &Same<'_>, vertices: Range<usize>) -> Option<f64> {
+        let mut maps = self.wider.binds.maps(self.skin).to_vec();
         let mut most: f64 = 0.0;
         let mut row: Vec<(u16, f32)> = Vec::new();
         for (vertex, (&number, placed)) in vertices.zip(self.source.numbers.iter().zip(self.placed)) {
             row.clear();
-            for (joint, weight) in rig.weights().row(vertex) {
-                row.push((*slots.get(&joint.0)?, weight));
+            for (joint, weight) in same.rig.weights().row(vertex) {
+                let slot = match slots.get(&joint.0) {
+                    Some(slot) => *slot,
+                    None => {
+                        let node = same.nodes[joint.index()]?;
+                        maps.push(self.wider.map(self.skin, node)?);
+                        self.lacks.insert(node);
+                        let slot = u16::try_from(maps.len() - 1).ok()?;
+                        slots.insert(joint.0, slot);
+                        slot
+                    }
+                };
+                row.push((slot, weight));
             }
             rows::normalise(&mut row);
             let p = glam::Vec3::from(self.source.positions[number as usize]).as_dvec3();
             let total: f64 = row.iter().map(|(_, w)| f64::from(*w)).sum();
-            let sum = row.iter().fold(DVec3::ZERO, |sum, &(slot, w)| {
-                sum + self.maps[usize::from(slot)].transform_point3(p) * f64::from(w)
-            });
+            let sum = row
+                .iter()
+                .fold(DVec3::ZERO, |sum, &(slot, w)| sum + maps[usize::from(slot)].transform_point3(p) * f64::from(w));
             let at = (sum / total).as_vec3();
             if at.to_array().map(f32::to_bits) != placed.map(f32::to_bits) {
                 most = most.max((at - glam::Vec3::from(*placed)).as_dvec3().length()).max(f64::MIN_POSITIVE);
@@ -283,7 +382,8 @@ impl Stored<'_> {
 }
 
 /// Whether weights, by joints that `joint` takes to those of the rig, are those of some vertices of the rig.
-fn equal(weights: &SkinWeights, joint: impl Fn(u16) -> u16, rig: &Rig, vertices: Range<usize>) -> bool {
+/// `but` are those, rising, that may be others.
+fn equal(weights: &SkinWeights, joint: impl Fn(u16) -> u16, rig: &Rig, vertices: Range<usize>, but: &[u32]) -> bool {
     let mut row: Vec<(u16, f32)> = Vec::new();
     weights.rows() == vertices.len()
         && vertices.enumerate().all(|(v, vertex)| {
@@ -291,5 +391,6 @@ fn equal(weights: &SkinWeights, joint: impl Fn(u16) -> u16, rig: &Rig, vertices:
             row.extend(weights.row(v).map(|(own, weight)| (joint(own.0), weight)));
             row.sort_unstable_by_key(|(joint, _)| *joint);
             rig.weights().row(vertex).map(|(joint, weight)| (joint.0, weight)).eq(row.iter().copied())
+                || but.binary_search(&(v as u32)).is_ok()
         })
 }

@@ -8,10 +8,11 @@
 use std::collections::HashMap;
 
 use glam::{DAffine3, DVec3, Vec3};
-use riglab_core::{JointId, Rig, Shape, Skeleton, Spring, SpringJoint, Swing};
+use riglab_core::{JointId, Shape, Skeleton, Spring, SpringJoint, Springs, Swing};
 use serde_json::{Value, json};
 
 use super::draft::Draft;
+use super::scene::Scene;
 use super::springs0;
 use super::vrm::{SPRINGS, VRM1};
 use crate::ExportNote;
@@ -26,6 +27,8 @@ pub(super) struct Joints<'a> {
     pub(super) nodes: Vec<usize>,
     /// From the space of each node to the scene, at rest.
     pub(super) frames: Vec<DAffine3>,
+    /// What the nodes are of, where they were there before and others may hang on them.
+    pub(super) scene: Option<&'a Scene>,
 }
 
 impl Joints<'_> {
@@ -59,24 +62,23 @@ impl Joints<'_> {
 
 /// Writes the springs and colliders of a rig in the words of the document. A rig without any leaves those
 /// that the document has.
-pub(super) fn set(draft: &mut Draft, rig: &Rig, joints: &Joints<'_>, notes: &mut Vec<ExportNote>) {
-    if rig.springs().is_empty() {
+pub(super) fn set(draft: &mut Draft, springs: &Springs, joints: &Joints<'_>, notes: &mut Vec<ExportNote>) {
+    if springs.is_empty() {
         return;
     }
     let has = |name: &str| draft.json["extensions"][name].is_object();
     if has("VRM") && !has(VRM1) && !has(SPRINGS) {
-        let (written, lost) = springs0::write(draft, rig.springs(), joints);
+        let (written, lost) = springs0::write(draft, springs, joints);
         draft.json["extensions"]["VRM"]["secondaryAnimation"] = written;
         notes.extend(lost);
     } else {
-        let written = write(draft, rig, joints);
+        let written = write(draft, springs, joints);
         draft.extend_with(SPRINGS, written);
     }
 }
 
 /// `VRMC_springBone`.
-fn write(draft: &mut Draft, rig: &Rig, joints: &Joints<'_>) -> Value {
-    let springs = rig.springs();
+fn write(draft: &mut Draft, springs: &Springs, joints: &Joints<'_>) -> Value {
     let colliders: Vec<Value> = springs
         .colliders()
         .iter()

@@ -11,9 +11,10 @@ use glam::Vec3;
 use riglab_core::{Collider, JointId, Shape, Spring, SpringJoint, Springs, Swing};
 use serde_json::{Value, json};
 
-use super::super::vrm::LEAF;
+use super::super::vrm::{LEAF, tail0};
 use super::draft::Draft;
 use super::springs::Joints;
+use super::vrm::unity;
 use crate::ExportNote;
 
 /// Spheres that stand for a capsule at most.
@@ -93,13 +94,15 @@ fn group(spring: &Spring, own: &SpringJoint, joints: &Joints<'_>, stops: Vec<usi
 fn by_itself(joints: &Joints<'_>, children: &[Vec<JointId>], own: &SpringJoint, tail: [f32; 3]) -> bool {
     let place = |point: [f32; 3]| Vec3::from(point).as_dvec3();
     let head = |joint| place(joints.skeleton.head(joint));
-    let point = match (children[own.joint.index()].first(), joints.skeleton.parent(own.joint)) {
-        (Some(&child), _) => Some(head(child)),
-        (None, Some(parent)) => {
-            let way = (head(own.joint) - head(parent)).try_normalize();
-            way.map(|way| head(own.joint) + LEAF * way)
-        }
-        (None, None) => None,
+    let of_leaf = || {
+        let way = head(own.joint) - head(joints.skeleton.parent(own.joint)?);
+        Some(head(own.joint) + LEAF * way.try_normalize()?)
+    };
+    let point = match (joints.scene, children[own.joint.index()].first()) {
+        // The first child may be a node that is no joint.
+        (Some(scene), _) => tail0(&scene.nodes, &scene.rests, joints.node(own.joint)),
+        (None, Some(&child)) => Some(head(child)),
+        (None, None) => of_leaf(),
     };
     let size = head(own.joint).length() + place(tail).distance(head(own.joint));
     point.is_some_and(|point| point.distance(place(tail)) <= SAME * size)
@@ -144,9 +147,4 @@ fn spheres(collider: &Collider, joints: &Joints<'_>) -> Vec<Value> {
             (0..=steps).map(|k| sphere(from.lerp(to, k as f32 / steps as f32), radius)).collect()
         }
     }
-}
-
-/// A vector by names, with the z axis of Unity.
-fn unity([x, y, z]: [f64; 3]) -> Value {
-    json!({"x": x, "y": y, "z": 0.0 - z})
 }

@@ -1,11 +1,16 @@
 //! What VRM 0.x and 1.0 say of nodes, when nodes go or get another number.
 
+use std::collections::HashMap;
+
+use glam::DVec3;
 use serde_json::{Value, json};
 
 use super::draft::{Draft, index, remove};
 use super::humanoid;
 use super::packed::{forget_extension, forget_member_extension};
 use super::references::{items, values};
+use super::scene::Scene;
+use super::springs::Joints;
 
 pub(super) const VRM1: &str = "VRMC_vrm";
 pub(super) const SPRINGS: &str = "VRMC_springBone";
@@ -93,9 +98,48 @@ pub(super) fn strip(draft: &mut Draft) -> Vec<&'static str> {
     dropped
 }
 
+/// How many nodes follow others.
+pub(super) fn constrained(draft: &Draft) -> usize {
+    draft.list("nodes").iter().filter(|node| node["extensions"].get(CONSTRAINT).is_some()).count()
+}
+
+/// Where a viewer's eye is, which is told in the axes of the head's node, told in those of its successor.
+pub(super) fn turn_offsets(draft: &mut Draft, scene: &Scene, joints: &Joints<'_>, successors: &HashMap<usize, usize>) {
+    // A point in the space of an old node, in that of the new one.
+    let turned = |node: &Value, offset: DVec3| -> Option<[f64; 3]> {
+        let old = index(node)?;
+        let new = successors.get(&old)?;
+        let joint = joints.skeleton.ids().find(|&joint| joints.node(joint) == *new)?;
+        let at = scene.rests[old].transform_point3(offset).as_vec3();
+        at.is_finite().then(|| joints.within(joint, at.to_array()))
+    };
+    let Some(extensions) = draft.json.get_mut("extensions") else { return };
+    let head = extensions[VRM1]["humanoid"]["humanBones"]["head"]["node"].clone();
+    if let Some(offset) = extensions.pointer_mut(&format!("/{VRM1}/lookAt/offsetFromHeadBone")) {
+        let own: Vec<f64> = offset.as_array().into_iter().flatten().filter_map(Value::as_f64).collect();
+        if let &[x, y, z] = &own[..]
+            && let Some(new) = turned(&head, DVec3::new(x, y, z))
+        {
+            *offset = json!(new);
+        }
+    }
+    let Some(first) = extensions.pointer_mut("/VRM/firstPerson") else { return };
+    let own = ["x", "y", "z"].map(|axis| first["firstPersonBoneOffset"][axis].as_f64());
+    if let [Some(x), Some(y), Some(z)] = own
+        && let Some(new) = turned(&first["firstPersonBone"], DVec3::new(x, y, -z))
+    {
+        first["firstPersonBoneOffset"] = unity(new);
+    }
+}
+
+/// A vector by names, with the z axis of Unity.
+pub(super) fn unity([x, y, z]: [f64; 3]) -> Value {
+    json!({"x": x, "y": y, "z": 0.0 - z})
+}
+
 /// Gives every named node its successor, and drops what names one that has none: single bones, springs
-/// without joints, colliders without a node.
-pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usize>) {
+/// without joints, colliders without a node. How many human bones of a VRM went.
+pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usize>) -> usize {
     // Whether the number under `key` still names something.
     let follow = |of: &mut Value, key: &str| -> bool {
         let Some(node) = of.get(key).and_then(index) else { return false };
@@ -105,8 +149,15 @@ pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usiz
         }
         true
     };
+    let mut bones_lost = 0;
+    let follow_bone = |bone: &mut Value, lost: &mut usize| {
+        let named = bone.get("node").is_some_and(|node| index(node).is_some());
+        let stays = follow(bone, "node");
+        *lost += usize::from(named && !stays);
+        stays
+    };
     if let Some(vrm) = draft.json.pointer_mut("/extensions/VRM") {
-        retain(vrm.pointer_mut("/humanoid/humanBones"), |bone| follow(bone, "node"));
+        retain(vrm.pointer_mut("/humanoid/humanBones"), |bone| follow_bone(bone, &mut bones_lost));
         let lost = |of: Option<&mut Value>, key: &str| {
             if let Some(of) = of
                 && of.get(key).and_then(index).is_some()
@@ -133,7 +184,7 @@ pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usiz
     }
     let bones = draft.json.pointer_mut(&format!("/extensions/{VRM1}/humanoid/humanBones"));
     if let Some(bones) = bones.and_then(Value::as_object_mut) {
-        bones.retain(|_, bone| follow(bone, "node"));
+        bones.retain(|_, bone| follow_bone(bone, &mut bones_lost));
     }
     if let Some(springs) = draft.json.pointer_mut(&format!("/extensions/{SPRINGS}")) {
         let kept = retain(springs.get_mut("colliders"), |collider| follow(collider, "node"));
@@ -153,6 +204,7 @@ pub(super) fn follow_joints(draft: &mut Draft, to: &dyn Fn(usize) -> Option<usiz
             forget_member_extension(node, &[CONSTRAINT]);
         }
     }
+    bones_lost
 }
 
 /// Keeps some elements of a list; gives the new number of each old one.

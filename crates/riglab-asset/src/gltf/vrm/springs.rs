@@ -2,11 +2,12 @@
 
 use std::collections::HashSet;
 
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 use riglab_core::{Collider, JointId, Shape, Spring, SpringJoint, Springs, Swing, Vec3};
 use serde_json::Value;
 
 use super::{Dropped, Scene, shown};
+use crate::gltf::nodes::Nodes;
 
 /// How far the tail of a leaf stands from its head in VRM 0.x, in metres.
 pub(in crate::gltf) const LEAF: f64 = 0.07;
@@ -168,12 +169,7 @@ impl Scene<'_> {
     }
 
     fn tail0(&self, node: usize) -> Option<Vec3> {
-        if let [_, child, ..] = self.nodes.subtree(node) {
-            return self.point(*child);
-        }
-        let [own, above] = [node, self.nodes.parent(node)].map(|n| self.rests[n].translation);
-        let tail = own + LEAF * (own - above).try_normalize()?;
-        finite(tail)
+        finite(tail0(self.nodes, &self.rests, node)?)
     }
 
     fn collider0(&self, node: &Value, entry: &Value) -> Option<Collider> {
@@ -245,6 +241,15 @@ impl Scene<'_> {
         let center = finite(rest.transform_point3(offset.into()))?;
         (radius.is_finite() && radius >= 0.0).then_some((center, radius))
     }
+}
+
+/// Where VRM 0.x takes the tail of a node to be: at the first node below it, or behind a leaf.
+pub(in crate::gltf) fn tail0(nodes: &Nodes, rests: &[DAffine3], node: usize) -> Option<DVec3> {
+    if let [_, child, ..] = nodes.subtree(node) {
+        return Some(rests[*child].translation);
+    }
+    let [own, above] = [node, nodes.parent(node)].map(|n| rests[n].translation);
+    Some(own + LEAF * (own - above).try_normalize()?)
 }
 
 fn finite(point: DVec3) -> Option<Vec3> {
