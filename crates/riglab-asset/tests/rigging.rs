@@ -398,6 +398,34 @@ fn an_fbx_is_rigged_anew_or_keeps_its_skeleton() {
     }
 }
 
+#[cfg(feature = "fbx")]
+#[test]
+fn rigid_parts_of_an_fbx_keep_their_joint() {
+    // A blade on the tip, without a skin, whose last corner no triangle of the FBX shares.
+    let tiny = common::Tiny::new()
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"name": "blade", "mesh": 1, "translation": [0, 0.5, 0]}))
+        .with(
+            "/meshes/-",
+            json!({"primitives": [{"attributes": {"POSITION": common::POSITION}, "indices": common::INDICES}]}),
+        );
+    let bytes = riglab_asset::glb_to_fbx(&tiny.glb()).unwrap().bytes;
+    let keep = SubjectOptions { keep_rig: true, ..SubjectOptions::default() };
+    let subject = Subject::from_bytes("a.fbx", &bytes, None, &keep).unwrap();
+    let count = subject.mesh().positions().len();
+    let old = subject.old_weights().unwrap();
+    assert_eq!(old.rows(), count);
+    let halves = SkinWeights::normalized((0..count).map(|_| [(0, 0.5), (1, 0.5)])).unwrap();
+    let kept = subject.with_rigid_parts(halves.clone());
+    // What stands higher than the body is of the blade alone, and so is what the rig holds by the tip alone beside that.
+    let positions = subject.mesh().positions();
+    let blade = |v: &usize| positions[*v][1] > 2.6 || kept.row(*v).ne(halves.row(*v));
+    let all: Vec<usize> = (0..count).filter(blade).collect();
+    assert!(all.len() >= 4 && all.len() < count, "{} of {count}", all.len());
+    assert!(all.iter().all(|&v| kept.row(v).map(|(j, w)| (j.0, w)).eq([(1, 1.0)])));
+    assert!(all.iter().all(|&v| old.row(v).map(|(j, w)| (j.0, w)).eq([(1, 1.0)])));
+}
+
 /// A skeleton of one joint, and all of a subject's mesh on it.
 fn on_one_joint(subject: &Subject, head: [f32; 3]) -> Rig {
     let joint = riglab_core::Joint { name: "one".into(), parent: None, head };

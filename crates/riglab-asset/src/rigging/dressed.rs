@@ -5,11 +5,12 @@ use std::path::Path;
 
 use riglab_core::{Rig, RigError, SkinWeights, Springs};
 
+use super::looks::Row;
 use super::{SubjectNote, fbx};
 use crate::assemble::{loose_roots, ordered_sets};
 use crate::export::{self, ExportError, ExportFault, ExportOptions, Exported};
 use crate::fbx::Origin;
-use crate::{Fault, ImportOptions, Reading, Resample, gltf, import_from};
+use crate::{Binding, Fault, ImportOptions, Reading, Resample, VertexSet, gltf, import_from};
 
 /// The rigged FBX at `path` as a GLB: the meshes that its rig holds with their materials, pictures, normals, texture
 /// coordinates, colours and blend shapes, bound as the importer reads it, and its motions of joints and blend shapes, sampled at
@@ -72,33 +73,41 @@ pub fn dressed(
 
 /// The weights of a rig for the vertices of the document that its file's model became.
 fn weights(old: &Rig, of: &Reading, origins: &[Origin], document: &Reading) -> Result<SkinWeights, RigError> {
+    let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
+    for row in rows(of, origins, document) {
+        // All are there: both ways read the same corners.
+        for (joint, share) in row.into_iter().flat_map(|row| old.weights().row(row.number)) {
+            joints.push(joint.0);
+            shares.push(share);
+        }
+        offsets.push(joints.len() as u32);
+    }
+    SkinWeights::new(offsets, joints, shares)
+}
+
+/// Which row of a rig each vertex of the document is that its file's model became; none of what hangs on no joint.
+pub(super) fn rows(of: &Reading, origins: &[Origin], document: &Reading) -> Vec<Option<Row>> {
     // Where the vertices of each node begin in the rig, and which control points they are.
-    let mut sets: HashMap<usize, (usize, &[u32])> = HashMap::new();
+    let mut sets: HashMap<usize, (usize, &VertexSet)> = HashMap::new();
     let mut start = 0;
     for (number, set) in ordered_sets(of) {
         for part in of.parts.iter().filter(|part| part.vertex_set == number) {
-            sets.insert(part.node, (start, &set.numbers));
+            sets.insert(part.node, (start, set));
         }
         start += set.positions.len();
     }
-    let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
+    let mut rows = Vec::new();
     for (number, set) in ordered_sets(document) {
         let part = document.parts.iter().find(|part| part.vertex_set == number);
         let from = part.and_then(|part| {
             let origin = origins.get(part.node)?;
             Some((sets.get(&origin.node)?, origin.controls.get(part.primitive)?))
         });
-        for &vertex in &set.numbers {
-            let row = from.and_then(|(&(start, numbers), controls)| {
-                Some(start + numbers.binary_search(controls.get(vertex as usize)?).ok()?)
-            });
-            // All are there: both ways read the same corners.
-            for (joint, share) in row.into_iter().flat_map(|row| old.weights().row(row)) {
-                joints.push(joint.0);
-                shares.push(share);
-            }
-            offsets.push(joints.len() as u32);
-        }
+        rows.extend(set.numbers.iter().map(|&vertex| {
+            let (&(start, old), controls) = from?;
+            let at = old.numbers.binary_search(controls.get(vertex as usize)?).ok()?;
+            Some(Row { number: start + at, rigid: old.binding == Binding::Rigid })
+        }));
     }
-    SkinWeights::new(offsets, joints, shares)
+    rows
 }

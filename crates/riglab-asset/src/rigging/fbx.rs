@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::beside::Beside;
-use super::looks::{Looks, Motions, Unrigged};
+use super::dressed::rows;
+use super::looks::{Looks, Motions, RowsOf, Unrigged};
 use super::subject::{Turn, turned_rig};
 use super::{SubjectNote, UpAxis};
 use crate::assemble::loose_roots;
@@ -16,11 +17,13 @@ pub(crate) fn looks(file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result
     let old = old_rig(file, taken.rate, notes)?;
     let motions = old.as_ref().and_then(motions);
     let loose = old.as_ref().and_then(|old| Some(loose_roots(&old.reading, old.rig()?.skeleton()))).unwrap_or_default();
-    let rig = old.and_then(|old| old.rig().cloned());
+    let rig = old.as_ref().and_then(|old| old.rig().cloned());
+    let origins = taken.origins;
+    let rows = old.map(|old| -> RowsOf { Box::new(move |document| rows(&old.reading, &origins, document)) });
     let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
     let missing = taken.animations.saturating_sub(kept);
     notes.extend(left(taken.left, missing, !taken.model.swings.is_empty()));
-    Ok(Looks { model: taken.model, rig, loose, motions, animations: taken.animations })
+    Ok(Looks { model: taken.model, rig, rows, loose, motions, animations: taken.animations })
 }
 
 /// Of a rig, if it has any.

@@ -5,6 +5,7 @@ use std::path::Path;
 use riglab_core::{Clip, JointId, Rig, Skeleton};
 
 use super::SubjectOptions;
+use crate::Reading;
 use crate::gltf::export::model::Model;
 
 /// A file to read a model from.
@@ -25,6 +26,8 @@ pub(crate) struct Looks {
     pub model: Model,
     /// The file's own rig, where it is kept.
     pub rig: Option<Rig>,
+    /// Which of its rows each vertex of the document is that the model becomes, by what is read of that.
+    pub rows: Option<RowsOf>,
     /// The joints of that rig that stand beside its root in the file.
     pub loose: Vec<JointId>,
     /// Its motions.
@@ -32,6 +35,19 @@ pub(crate) struct Looks {
     /// How many animations the file has.
     pub animations: usize,
 }
+
+/// What a vertex is in the rig of its file.
+#[derive(Clone, Copy, Debug)]
+#[cfg_attr(not(feature = "fbx"), expect(dead_code, reason = "FBX alone has a rig of its own to read"))]
+pub(crate) struct Row {
+    /// The number of its row.
+    pub number: usize,
+    /// Whether it is of a part that hangs on one joint without a skin.
+    pub rigid: bool,
+}
+
+/// Rows of the vertices of a document; none of what the rig does not hold.
+pub(crate) type RowsOf = Box<dyn FnOnce(&Reading) -> Vec<Option<Row>>>;
 
 /// Motions that go with a skeleton.
 #[derive(Clone, Debug)]
@@ -42,6 +58,6 @@ pub(crate) struct Motions {
 
 impl From<Model> for Looks {
     fn from(model: Model) -> Self {
-        Self { model, rig: None, loose: Vec::new(), motions: None, animations: 0 }
+        Self { model, rig: None, rows: None, loose: Vec::new(), motions: None, animations: 0 }
     }
 }

@@ -6,13 +6,16 @@ use std::path::{Path, PathBuf};
 
 use riglab_core::{JointId, Mesh, Rig, RigError, Skeleton, SkinWeights, Springs, Vec3};
 
-use super::looks::{Motions, Unrigged};
+use super::looks::{Motions, Row, Unrigged};
 use super::pieces::pieces;
 use super::stand::stand;
 use super::{SubjectNote, UpAxis, doubts, seams};
 use crate::assemble::ordered_sets;
 use crate::export::{self, ExportError, ExportOptions, Exported};
-use crate::{Binding, Fault, Format, ImportError, ImportOptions, Imported, Warning, gltf, import, import_from};
+use crate::nearest::nearest_others;
+use crate::{
+    Binding, Fault, Format, ImportError, ImportOptions, Imported, Reading, Warning, gltf, import, import_from,
+};
 
 /// How a model is read.
 #[derive(Clone, Debug)]
@@ -50,6 +53,7 @@ pub struct Subject {
     name: String,
     mesh: Mesh,
     rig: Option<Rig>,
+    bound: Option<Bound>,
     /// The joints of that rig that stand beside its root in the file, where the document is none of the file's.
     loose: Vec<JointId>,
     twins: Vec<u32>,
@@ -92,6 +96,43 @@ impl Turn {
 
     fn round(self, [x, y, z]: Vec3) -> Vec3 {
         if self.about { [-x, y, -z] } else { [x, y, z] }
+    }
+}
+
+/// What the rig that is kept says of the vertices of the mesh.
+#[derive(Clone, Debug)]
+struct Bound {
+    /// Their weights; `None` where the rig numbers them as the mesh does.
+    weights: Option<SkinWeights>,
+    /// Which of them are of parts that hang on one joint without a skin.
+    rigid: Vec<bool>,
+}
+
+impl Bound {
+    /// Of a rig that was read with the mesh.
+    fn alike(reading: &Reading) -> Self {
+        let sets = ordered_sets(reading).into_iter().map(|(_, set)| set);
+        let rigid = sets.flat_map(|set| std::iter::repeat_n(set.binding == Binding::Rigid, set.positions.len()));
+        Self { weights: None, rigid: rigid.collect() }
+    }
+
+    /// Of a rig whose rows those of vertices are; the others go with the nearest that has one.
+    fn by_rows(rows: &[Option<Row>], weights: &SkinWeights, mesh: &Mesh) -> Option<Self> {
+        let lacking: Vec<u32> = (0u32..).zip(rows).filter(|(_, row)| row.is_none()).map(|(v, _)| v).collect();
+        let mut numbers: Vec<Option<usize>> = rows.iter().map(|row| row.map(|row| row.number)).collect();
+        for (&v, nearest) in lacking.iter().zip(nearest_others(mesh.positions(), &lacking)) {
+            numbers[v as usize] = nearest.and_then(|n| numbers[n as usize]);
+        }
+        let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
+        for number in numbers {
+            for (joint, share) in weights.row(number?) {
+                joints.push(joint.0);
+                shares.push(share);
+            }
+            offsets.push(joints.len() as u32);
+        }
+        let rigid = rows.iter().map(|row| row.is_some_and(|row| row.rigid)).collect();
+        Some(Self { weights: Some(SkinWeights::new(offsets, joints, shares).ok()?), rigid })
     }
 }
 
@@ -163,13 +204,14 @@ impl Subject {
         let mut keeps = options.import.clone();
         keeps.clips = None;
         let mut turn = Turn::from(options.up);
-        let mut rig = None;
+        let (mut rig, mut rows) = (None, None);
         let (mut loose, mut motions, mut animations) = (Vec::new(), None, 0);
         let format = Format::of(path, bytes).map_err(fail)?;
         let (document, beside) = if format != Format::GLTF {
             let file = Unrigged { path, name: stem(path), bytes, folder, options };
             let looks = format.reads().looks(&file, &mut notes).map_err(fail)?;
             (rig, loose, motions, animations) = (looks.rig, looks.loose, looks.motions, looks.animations);
+            rows = looks.rows;
             let mut model = looks.model;
             let parts = model.drop_unplaced_pictures();
             if parts > 0 {
@@ -220,8 +262,12 @@ impl Subject {
             keeps.shown = true;
         }
         let imported = import_from(path, &document, beside, &keeps)?;
+        let mut bound = None;
         if let (true, Some(own)) = (options.keep_rig, imported.rig()) {
             rig = Some(own.clone());
+            bound = Some(Bound::alike(&imported.reading));
+        } else if let (Some(own), Some(rows)) = (&rig, rows) {
+            bound = Bound::by_rows(&rows(&imported.reading), own.weights(), imported.mesh());
         }
         // Looked at as the file shows it; the rig is for what is stored.
         let mut looks = None;
@@ -233,7 +279,7 @@ impl Subject {
             looks = shown.ok().filter(whole).map(|shown| shown.mesh().clone());
         }
         let source = Source { document: Some((document.into_owned(), beside.map(Path::to_path_buf))), imported };
-        Ok(Self { loose, motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
+        Ok(Self { bound, loose, motions, animations, ..Self::new(path, source, rig, (turn, looks), notes, options)? })
     }
 
     /// A model of a format that has no looks.
@@ -245,7 +291,9 @@ impl Subject {
             notes.push(SubjectNote::RigIgnored { joints: own.skeleton().len() });
             rig = None;
         }
-        Self::new(path, Source { document: None, imported }, rig, (options.up.into(), None), notes, options)
+        let bound = rig.as_ref().map(|_| Bound::alike(&imported.reading));
+        let source = Source { document: None, imported };
+        Ok(Self { bound, ..Self::new(path, source, rig, (options.up.into(), None), notes, options)? })
     }
 
     fn new(
@@ -296,6 +344,7 @@ impl Subject {
             name,
             mesh,
             rig,
+            bound: None,
             loose: Vec::new(),
             twins: welded,
             notes,
@@ -321,6 +370,12 @@ impl Subject {
     /// be numbered otherwise, where the file is no glTF.
     pub fn old_rig(&self) -> Option<&Rig> {
         self.rig.as_ref()
+    }
+
+    /// The weights of that rig, by vertex of [`Self::mesh`]. What it does not hold goes with the nearest vertex that it does.
+    pub fn old_weights(&self) -> Option<&SkinWeights> {
+        let bound = self.bound.as_ref()?;
+        bound.weights.as_ref().or(self.rig.as_ref().map(Rig::weights))
     }
 
     /// How far the file shows the model from where the rig that is kept holds it, in the axes of [`Self::mesh`]; see
@@ -353,17 +408,13 @@ impl Subject {
     /// The weights with those of rigid parts as the rig has them that is kept: a weapon or a hat that hangs on a joint
     /// without a skin stays there, and the file's own skeleton and motions with it.
     pub fn with_rigid_parts(&self, weights: SkinWeights) -> SkinWeights {
-        let reading = &self.source.imported.reading;
-        let Some(old) = self.rig.as_ref().map(Rig::weights) else { return weights };
-        let sets = ordered_sets(reading).into_iter().map(|(_, set)| set);
-        let rigid: Vec<bool> =
-            sets.flat_map(|set| std::iter::repeat_n(set.binding == Binding::Rigid, set.positions.len())).collect();
+        let (Some(old), Some(Bound { rigid, .. })) = (self.old_weights(), &self.bound) else { return weights };
         let count = weights.rows();
         if old.rows() != count || rigid.len() != count || !rigid.contains(&true) {
             return weights;
         }
         let (mut offsets, mut joints, mut shares) = (vec![0u32], Vec::new(), Vec::new());
-        for (v, rigid) in rigid.into_iter().enumerate() {
+        for (v, &rigid) in rigid.iter().enumerate() {
             let own = if rigid { old } else { &weights };
             for (joint, share) in own.row(v) {
                 joints.push(joint.0);
@@ -413,7 +464,8 @@ impl Subject {
     /// joint stay as they are, and so do the file's axes. An armature (`Armature`, with a node a joint) and one
     /// skin are added, JOINTS_0 and WEIGHTS_0 on every primitive; points and lines go with the nearest vertex. With
     /// the skeleton that a kept rig has (by names, tree and heads) the file's own nodes and skins stay and only weights
-    /// are written, as far as each mesh has a skin with the joints that it needs; the motions of an FBX come along with it, and
+    /// are written, as far as each mesh has a skin that has the joints which it needs or can take them in, and no vertex is seen
+    /// to move; the motions of an FBX come along with it, and
     /// joints that are roots in it stand beside each other in the armature, whatever tree the rig makes of them. The
     /// same subject, rig and options give the same bytes.
     ///

@@ -171,9 +171,8 @@ impl Model {
                 let skeleton = wish.skeleton.context("no skeleton")?.clone();
                 let mesh = subject.mesh();
                 // Joints that hold nothing, such as ends and roots on the ground, go on so where they are known.
-                let known = subject.old_rig().filter(|old| kept && old.weights().rows() == mesh.positions().len());
-                let (weights, holders) = match known {
-                    Some(old) => (old.weights().clone(), Holders::Same),
+                let (weights, holders) = match subject.old_weights().filter(|_| kept) {
+                    Some(old) => (old.clone(), Holders::Same),
                     None => (SkinWeights::normalized(mesh.positions().iter().map(|_| [(0, 1.0)]))?, Holders::All),
                 };
                 let rig = Rig::new(skeleton.clone(), mesh.clone(), weights)?;
