@@ -6,7 +6,7 @@ use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use riglab_asset::rigging::{Subject, SubjectOptions};
-use riglab_asset::{Imported, Target, is_gltf};
+use riglab_asset::{ImportError, Imported, Target, is_gltf};
 use riglab_core::{Asset, Rig};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
@@ -66,7 +66,7 @@ impl Lost {
         if is_gltf(source) {
             self.add(Document::read(source).unwrap_or_default());
         } else if ends("fbx") {
-            if let Some(subject) = subject(source) {
+            if let Ok(subject) = subject(source) {
                 self.animations += subject.animations_left();
                 self.add(Document::of_subject(&subject).unwrap_or_default());
             }
@@ -230,7 +230,7 @@ impl Document {
 
     /// Of a file of another format, as the document that it becomes when it is rigged.
     fn with_looks(path: &Path) -> Option<Self> {
-        Self::of_subject(&subject(path)?)
+        Self::of_subject(&subject(path).ok()?)
     }
 
     fn of_subject(subject: &Subject) -> Option<Self> {
@@ -252,10 +252,9 @@ impl Document {
     }
 }
 
-/// A model that becomes a document.
-fn subject(path: &Path) -> Option<Subject> {
-    let options = SubjectOptions { max_triangles: usize::MAX, ..SubjectOptions::default() };
-    Subject::read(path, &options).ok()
+/// A model that becomes a document, of any size: what limits it is there for what is to be rigged.
+pub(super) fn subject(path: &Path) -> Result<Subject, ImportError> {
+    Subject::read(path, &SubjectOptions { max_triangles: usize::MAX, ..SubjectOptions::default() })
 }
 
 #[cfg(test)]

@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use riglab_asset::export;
-use riglab_asset::rigging::{self, Subject, SubjectNote, SubjectOptions};
+use riglab_asset::rigging::{self, SubjectNote};
 use riglab_asset::{Content, ImportOptions, Imported, Target, import, is_gltf, write, write_mesh, written_paths};
 use riglab_core::Springs;
 
 use super::super::inspect::shown_elsewhere;
 use super::super::is_fbx;
+use super::lost::subject;
 use super::{Args, Lost};
 
 pub(super) fn warn(imported: &Imported) {
@@ -143,7 +144,7 @@ fn whole(imported: &Imported, args: &Args) -> Result<Vec<u8>> {
 
 /// A model of another format as a GLB with its looks.
 fn bare(source: &str) -> Result<export::Exported> {
-    let subject = Subject::read(source, &SubjectOptions::default())?;
+    let subject = subject(Path::new(source))?;
     for note in subject.notes() {
         match note {
             // What was told as it was imported, and what only matters to who makes a rig.
