@@ -14,8 +14,8 @@ use std::sync::Mutex;
 use anyhow::{Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
 use riglab_asset::{
-    Character, Filling, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_model_file,
-    is_rig_file, written_paths,
+    Character, Filling, ImportOptions, Imported, Target, count_assets, files_read, import, import_each, is_gltf,
+    is_model_file, is_rig_file, written_paths,
 };
 use riglab_core::Asset;
 use riglab_data::Tally;
@@ -75,7 +75,8 @@ pub struct Args {
     /// For GLB and FBX: most joints that may influence a vertex; the largest weights stay [default: all].
     #[arg(long, value_enum, ignore_case = true)]
     influences: Option<Most>,
-    /// For GLB and FBX from other formats: orientation of the joints at rest [default: parallel].
+    /// For GLB and FBX from other formats than glTF and VRM, whose joints stay turned as they are: orientation of the joints at
+    /// rest [default: parallel].
     #[arg(long, value_enum, ignore_case = true)]
     frames: Option<Frames>,
     /// Move and scale each asset as a whole into the cube that the format's own loaders expect, which is 0.5 in each
@@ -105,6 +106,18 @@ impl Args {
     fn of_models(&self) -> Option<&'static str> {
         let given = [(self.character.is_some(), "--character"), (self.repair, "--repair")];
         given.into_iter().find(|(given, _)| *given).map(|(_, option)| option)
+    }
+
+    /// Where --frames turns no joint: a glTF keeps its own, but for one of several characters, which is written alone.
+    fn frames_left(&self, files: &[PathBuf]) -> Option<String> {
+        self.frames.filter(|_| self.character.is_none())?;
+        let own: Vec<_> = files.iter().filter(|file| is_gltf(file)).collect();
+        let whose = match own[..] {
+            [] => return None,
+            [one] => one.display().to_string(),
+            _ => counted(own.len(), "glTF file"),
+        };
+        Some(format!("--frames is for files of other formats: the joints of {whose} stay turned as they are"))
     }
 
     fn import(&self) -> ImportOptions {
@@ -161,6 +174,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     if !target.holds_scenes() && (args.influences.is_some() || args.frames.is_some()) {
         bail!("--influences and --frames are for GLB and FBX; {target} is written as the rig is");
+    }
+    if let Some(note) = args.frames_left(&files) {
+        tell!("note: {note}");
     }
     if args.fit && !target.has_cube() {
         let with: Vec<_> = Target::ALL.iter().filter(|of| of.has_cube()).map(|of| of.name()).collect();
@@ -443,6 +459,27 @@ mod tests {
         assert_eq!(rigged, [at("a.glb"), at("c_rig.txt")]);
         let bare = ["c.obj", "d.stl", "sub/b.obj"].map(at).to_vec();
         assert_eq!(bare_names(dir.path(), &rigged, bare), ["d.stl", "sub/b.obj"]);
+    }
+
+    #[test]
+    fn frames_that_turn_no_joint_are_told() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: Args,
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let files = ["a.glb", "b.glb", "c_rig.txt"].map(|name| dir.path().join(name));
+        files.iter().for_each(|file| std::fs::write(file, b"glTF").unwrap());
+        std::fs::write(&files[2], "joints a 0 0 0\nroot a\n").unwrap();
+        let told = |options: &[&str], files: &[PathBuf]| {
+            let line = ["convert", "in", "out.glb"].iter().chain(options);
+            <Line as clap::Parser>::parse_from(line).args.frames_left(files)
+        };
+        assert!(told(&["--frames", "bone"], &files[..1]).unwrap().contains("the joints of /"));
+        assert!(told(&["--frames", "parallel"], &files).unwrap().contains("the joints of 2 glTF files"));
+        assert_eq!([told(&[], &files), told(&["--frames", "bone"], &files[2..])], [None, None]);
+        assert_eq!(told(&["--frames", "bone", "--character", "1"], &files), None);
     }
 
     #[test]
