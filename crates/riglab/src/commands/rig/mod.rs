@@ -69,8 +69,9 @@ pub struct RigArgs {
 
 /// Make new weights for the skeleton that a model has.
 ///
-/// As `riglab rig --skeleton keep`: joints stay as they are, and joints of the file's own rig that influence no vertex stay
-/// without weights. Networks have a limit of joints: 100 for the one that comes with riglab.
+/// As `riglab rig --skeleton keep`: joints stay as they are, with what hangs on them, human bones, springs and motions, and
+/// joints of the file's own rig that influence no vertex stay without weights. Only where a skin's joints stand so that other
+/// weights would move the mesh, the joints are made anew in their places, and what goes with the old ones is told. Networks have a limit of joints: 100 for the one that comes with riglab.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -129,7 +130,7 @@ struct Common {
     /// Most joints that may influence a vertex.
     #[arg(long, value_enum, ignore_case = true, default_value = "4")]
     influences: Most,
-    /// Orientation of the joints at rest.
+    /// Orientation of the joints at rest; joints of the file's own that stay keep theirs.
     #[arg(long, value_enum, ignore_case = true, default_value = "bone")]
     frames: Frames,
     /// The axis that points up in the file; in PLY and STL, which do not say, it often is z.
