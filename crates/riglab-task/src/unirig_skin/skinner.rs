@@ -103,6 +103,11 @@ impl Skinner {
         (self.config, self.params)
     }
 
+    /// The cut that it takes where no evaluation chose one.
+    pub fn usual_cut(&self) -> Option<f32> {
+        self.cut.is_none().then_some(CUT)
+    }
+
     /// Whether it tells attributes of spring bones.
     pub fn has_attributes(&self) -> bool {
         self.config.model.attributes

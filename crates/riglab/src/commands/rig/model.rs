@@ -5,12 +5,14 @@ use std::path::Path;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_asset::rigging::Subject;
 use riglab_core::{Rig, SkinWeights};
+use riglab_report::shell::command;
 use riglab_task::tokenrig::{Card, Draw, GeneratedRig, Rank, RigRequest, Rigger, Yaw};
 use riglab_task::unirig_skeleton::{Sketch, Sketcher};
 use riglab_task::unirig_skin::{Holders, Skinner};
 use tch::Device;
 
 use super::{Bones, Common, Ranked};
+use crate::commands::shown;
 
 /// A model with what to know about it.
 pub struct Model {
@@ -42,7 +44,17 @@ impl Model {
         }
         ensure!(weights.is_none(), "{ALONE}");
         match Skinner::open(path, device).map_err(|e| anyhow!(e))? {
-            Some((skinner, card)) => Ok(Self { made_of: Kind::Weights(Box::new(skinner)), card }),
+            Some((skinner, card)) => {
+                if let Some(cut) = skinner.usual_cut().filter(|_| path.is_dir()) {
+                    tell!(
+                        "note: {}: no evaluation chose a cut for this checkpoint, so weights below {cut} are dropped, as is \
+                         usual; `{}` chooses one",
+                        path.display(),
+                        command(["eval", &shown(path)])
+                    );
+                }
+                Ok(Self { made_of: Kind::Weights(Box::new(skinner)), card })
+            }
             None => Self::whole(Rigger::open(path, device)),
         }
     }
