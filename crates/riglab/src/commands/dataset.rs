@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Mutex;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
@@ -22,6 +21,7 @@ use riglab_report::counted;
 
 use super::earlier::Earlier;
 use super::inspect::vertices;
+use super::of_files::OfFiles;
 use super::{file_to_write, shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
@@ -242,25 +242,18 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     if let Some(hidden) = found.left_aside() {
         tell!("note: {hidden}");
     }
-    let total = found.files.len() as u64;
-    let progress = Mutex::new(Progress::new("importing", total, 0));
+    let progress = OfFiles::new("importing", found.files.len());
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });
     let (split, repair) = (args.split_characters, args.repair);
     let options = ImportOptions { roots, clips, split, repair, up: args.up, ..ImportOptions::default() };
-    let tell = |done: usize, of: usize| {
-        if let Ok(mut p) = progress.lock() {
-            p.set_of(done as u64, of as u64);
-        }
-    };
+    let tell = |done, of| progress.set(done, of);
     let before = Earlier::at(&args.out);
     let report = if args.meshes {
         import_meshes(&args.folder, &args.out, &options, &tell)?
     } else {
         import_folder(&args.folder, &args.out, &splitter, &options, &tell)?
     };
-    if let Ok(mut p) = progress.lock() {
-        p.finish();
-    }
+    progress.finish();
     before.tell_replaced(&args.out);
     report.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     if args.json {

@@ -17,6 +17,7 @@ mod glb;
 mod inputs;
 pub mod inspect;
 mod longer;
+mod of_files;
 pub mod report;
 pub mod review;
 pub mod rewards;

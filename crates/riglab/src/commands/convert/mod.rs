@@ -9,7 +9,6 @@ use std::collections::HashSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Mutex;
 
 use anyhow::{Result, anyhow, bail};
 use riglab_asset::export::{self, ExportOptions, Influences, JointFrames};
@@ -20,11 +19,11 @@ use riglab_asset::{
 use riglab_core::Asset;
 use riglab_data::Tally;
 use riglab_files::make_folder_of;
-use riglab_train::Progress;
 
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
+use super::of_files::OfFiles;
 use beside::{Beside, Known, name_in};
 use lost::Lost;
 use riglab_report::counted;
@@ -234,8 +233,8 @@ fn into(
     let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
-    let progress = Mutex::new(Progress::new("converting", files.len() as u64, 0));
-    let set = |done, of| tell_how_far(&progress, done, of);
+    let progress = OfFiles::new("converting", files.len());
+    let set = |done, of| progress.set(done, of);
     let tally = Tally::new(files.len(), 0, &set);
     for file in files {
         let mut open = tally.open(count_assets(file).unwrap_or(1));
@@ -284,23 +283,11 @@ fn into(
             break;
         }
     }
-    finish(&progress);
+    progress.finish();
     broken?;
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
-}
-
-fn tell_how_far(progress: &Mutex<Progress>, done: usize, of: usize) {
-    if let Ok(mut progress) = progress.lock() {
-        progress.set_of(done as u64, of as u64);
-    }
-}
-
-fn finish(progress: &Mutex<Progress>) {
-    if let Ok(mut progress) = progress.lock() {
-        progress.finish();
-    }
 }
 
 fn is_io(e: &anyhow::Error) -> bool {
@@ -327,8 +314,8 @@ fn together(
     let (mut written, mut about) = (Vec::new(), Vec::new());
     let mut lost = Lost::default();
     let mut names = HashSet::new();
-    let progress = Mutex::new(Progress::new("reading", files.len() as u64, 0));
-    let set = |done, of| tell_how_far(&progress, done, of);
+    let progress = OfFiles::new("reading", files.len());
+    let set = |done, of| progress.set(done, of);
     let tally = Tally::new(files.len(), 0, &set);
     for file in files {
         let count = count_assets(file).unwrap_or(1);
@@ -371,7 +358,7 @@ fn together(
         }
     }
     broken?;
-    finish(&progress);
+    progress.finish();
     if written.is_empty() {
         bail!("none of {} gave a rig", counted(files.len(), "file"));
     }
