@@ -45,22 +45,14 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
 /// model that rewards refine, the auto-encoder of skin tokens, the weights to begin with, and what these build on in turn. Of
 /// models in files, and of those that come with riglab, no corpora are known.
 pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
-    const KEYS: [(&str, &[&str]); 3] = [
-        ("start.model", &["start", "model"]),
-        ("skin.run", &["skin", "run"]),
-        ("train.start.from", &["train", "start", "from"]),
-    ];
+    const KEYS: [&str; 3] = ["start.model", "skin.run", "train.start.from"];
     let (mut found, mut known) = (Vec::new(), HashSet::new());
     let mut open: Vec<(Option<&'static str>, String)> = vec![(None, settings.to_owned())];
     while let Some((first, text)) = open.pop() {
-        let Ok(of) = text.parse::<toml::Table>() else { continue };
-        for (key, path) in KEYS {
-            let (last, tables) = path.split_last().expect("a key has a name");
-            let table = tables.iter().try_fold(&of, |table, name| table.get(*name)?.as_table());
-            let Some(named) = table.and_then(|table| table.get(*last)?.as_str()).filter(|named| !named.is_empty())
-            else {
-                continue;
-            };
+        let Ok(of) = text.parse().map(toml::Value::Table) else { continue };
+        for key in KEYS {
+            let named = key.split('.').try_fold(&of, |table, name| table.get(name)).and_then(toml::Value::as_str);
+            let Some(named) = named.filter(|named| !named.is_empty()) else { continue };
             let run = named_by(Path::new(named)).0;
             let (Ok(whole), Ok(text)) = (run.canonicalize(), std::fs::read_to_string(run.join("config.toml"))) else {
                 continue;

@@ -220,6 +220,12 @@ fn unwarmed(train: &TrainConfig) -> Option<String> {
     })
 }
 
+/// Refuses corpora that a task cannot be trained on.
+fn trainable<T: Experiment>(task: &T, config: &TaskConfig) -> Result<()> {
+    task.assets().trainable(config.data()).map_err(|e| anyhow!(e))?;
+    task.untrainable().map_or(Ok(()), |why| Err(anyhow!(why)))
+}
+
 /// What to say of assets that are both trained on and looked at, in one corpus or in two.
 fn overlap(config: &TaskConfig) -> Result<Vec<String>> {
     let data = config.data();
@@ -358,10 +364,7 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
-        task.assets().trainable(config.data()).map_err(|e| anyhow!(e))?;
-        if let Some(why) = task.untrainable() {
-            bail!(why);
-        }
+        trainable(&task, config)?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {

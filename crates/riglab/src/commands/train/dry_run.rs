@@ -2,14 +2,14 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Result, anyhow, bail};
+use anyhow::Result;
 use riglab_report::counted;
 use riglab_task::Experiment;
 use riglab_train::{Spinner, estimate, product_speed};
 use tch::Device;
 
 use super::guard::Guard;
-use super::{begin, freeze, known_tests, overlap};
+use super::{begin, freeze, known_tests, overlap, trainable};
 use crate::registry::{TaskConfig, Visitor};
 
 /// A run that is only begun.
@@ -25,10 +25,7 @@ impl Visitor for DryRun<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
-        task.assets().trainable(self.config.data()).map_err(|e| anyhow!(e))?;
-        if let Some(why) = task.untrainable() {
-            bail!(why);
-        }
+        trainable(&task, self.config)?;
         known_tests(self.config.data(), task.assets())?;
         tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
