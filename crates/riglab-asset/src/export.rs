@@ -13,8 +13,8 @@
 //! bones in `extras` of nodes; [`alone`] makes a VRM 1.0 where the author is known to have chosen its licence.
 //!
 //! Holds: what is written reads back with the same joints, heads and triangles, positions equal bit for
-//! bit (where the source's own joints get other weights, within a millionth of the rig's size), weights within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied
-//! byte for byte. With [`JointFrames::AlongBone`] heads and positions are equal within rounding of f32.
+//! bit (where the source's own joints get other weights, within a millionth of the rig's size), weights
+//! within 1e-6 unless they were cut; the same input gives the same bytes; pictures are copied byte for byte. With [`JointFrames::AlongBone`] heads and positions are equal within rounding of f32.
 //!
 //! Two things look different: geometry that was compressed (Draco, meshopt) is written plain, and the file
 //! is one GLB, with everything in it that lay beside it. A mesh that was mirrored by its node, when a skin

@@ -91,8 +91,8 @@ fn files_below(folder: &Path, wanted: fn(&Path) -> bool, none: fn(PathBuf) -> Da
 ///
 /// `manifest.json` in the folder adds provenance (a list of objects with `file`, `source`,
 /// `licence`, `author`, `category`). A file that gives no rig is a row of the report. `progress` is
-/// told how many assets are done, and of how many. Equal assets under two names are in one split, where the splitter makes the splits, and are
-/// told.
+/// told how many assets are done, and of how many. Equal assets under two names are in one split, where
+/// the splitter makes the splits, and are told.
 ///
 /// # Errors
 /// When no file gives a rig, or the corpus cannot be written.

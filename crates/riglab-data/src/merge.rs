@@ -43,8 +43,8 @@ pub struct Member {
 /// keeps its split unless a splitter is given, which then splits all of them anew.
 ///
 /// Assets that are equal by their digest are written once. With `prefix`, the name of each corpus' file,
-/// without its ending where that is not all that tells it from another, and `/` is put before the names of its assets; where that is the name of several corpora, with the
-/// folders that tell them apart.
+/// without its ending where that is not all that tells it from another, and `/` is put before the names of its assets; where
+/// that is the name of several corpora, with the folders that tell them apart.
 ///
 /// # Errors
 /// [`DataError::DuplicateName`] for unlike assets of one name, [`DataError::NamedTwice`] where both are in one corpus, which

@@ -1,8 +1,9 @@
 //! Primitives: triangles, and which vertices they draw from.
 //!
 //! Primitives of one node that name the same accessors share a set of vertices, as strips or
-//! materials over one surface do; each vertex is then read once. Those whose morph targets move it otherwise do not. What a primitive has compressed (Draco)
-//! takes the place of what its accessors claim, before they are asked.
+//! materials over one surface do; each vertex is then read once. Those whose morph targets move it
+//! otherwise do not. What a primitive has compressed (Draco) takes the place of what its accessors claim,
+//! before they are asked.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;

@@ -241,8 +241,8 @@ impl Drawer<'_> {
         self.draw_told(w, (prefix, &each(prefix, streams.len())), streams, generate, None)
     }
 
-    /// As [`Self::draw_with`], each after the prefix that `of` names; `likelihood` is given the sum of log-probabilities of what was drawn of each, and of how
-    /// many tokens: with beams those of the processed scores, which they are compared by.
+    /// As [`Self::draw_with`], each after the prefix that `of` names; `likelihood` is given the sum of log-probabilities of
+    /// what was drawn of each, and of how many tokens: with beams those of the processed scores, which they are compared by.
     pub(crate) fn draw_told(
         &self,
         w: &Weights,

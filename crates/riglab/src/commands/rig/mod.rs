@@ -71,7 +71,8 @@ pub struct RigArgs {
 ///
 /// As `riglab rig --skeleton keep`: joints stay as they are, with what hangs on them, human bones, springs and motions, and
 /// joints of the file's own rig that influence no vertex stay without weights. Only where a skin's joints stand so that other
-/// weights would move the mesh, the joints are made anew in their places, and what goes with the old ones is told. Networks have a limit of joints: 100 for the one that comes with riglab.
+/// weights would move the mesh, the joints are made anew in their places, and what goes with the old ones is told. Networks
+/// have a limit of joints: 100 for the one that comes with riglab.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
