@@ -1,5 +1,5 @@
-// The halves of a pre-norm transformer block as one node each: in f32 on the CPU, where libtorch's bookkeeping of some
-// forty small ops takes as long as what they compute. The ops are the same, and so are the numbers.
+// The halves of a pre-norm transformer block as one node each, on the CPU: libtorch's bookkeeping of some forty small ops
+// takes as long as what they compute. The ops are the same, and so are the numbers.
 
 #include "linear.h"
 #include "shim.h"
@@ -8,6 +8,7 @@
 #include <ATen/core/LegacyTypeDispatch.h>
 #include <torch/csrc/autograd/custom_function.h>
 #include <array>
+#include <cmath>
 #include <optional>
 
 namespace {
@@ -60,6 +61,48 @@ Tensor part(const Tensor& rows, int64_t batch, int64_t heads, int64_t n, int64_t
 // [b, h, t, e] as rows [b t, h e].
 Tensor joined(const Tensor& x) { return x.transpose(1, 2).reshape({-1, x.size(1) * x.size(3)}); }
 
+// softmax(q kᵀ / √e) v of heads [b, h, t, e], and what its backward pass reads: in f32 q, k, v and the scores' sums, of
+// libtorch's fused kernel; in bfloat16, in which that kernel's backward pass is many times slower than plain products,
+// q / √e, k and v as [b h, t, e] and the scores after the softmax.
+struct Attended {
+  Tensor mixed, q, k, v, kept;
+};
+
+bool is_plain(const Tensor& t) { return t.scalar_type() == at::kBFloat16; }
+
+// [b, h, t, e] as [b h, t, e].
+Tensor heads_of(const Tensor& x) { return x.reshape({-1, x.size(2), x.size(3)}); }
+
+double scale_of(const Tensor& q) { return 1.0 / std::sqrt(static_cast<double>(q.size(-1))); }
+
+Attended attend(const Tensor& q, const Tensor& k, const Tensor& v) {
+  if (!is_plain(q)) {
+    auto [mixed, sums] = at::_scaled_dot_product_flash_attention_for_cpu(q, k, v);
+    return {mixed, q, k, v, sums};
+  }
+  auto asked = at::empty(q.sizes(), q.options());
+  at::mul_out(asked, q, at::scalar_tensor(scale_of(q), at::kDouble));
+  asked = heads_of(asked);
+  const auto keys = heads_of(k), values = heads_of(v);
+  const auto shares = at::_softmax(at::bmm(asked, keys.transpose(1, 2)), -1, false);
+  return {at::bmm(shares, values).view(q.sizes()), asked, keys, values, shares};
+}
+
+// Gradients of q, k and v as they were given, of that of `mixed`.
+std::array<Tensor, 3> attend_back(const Tensor& grad, const Attended& a) {
+  if (!is_plain(grad)) {
+    const auto [dq, dk, dv] = at::_scaled_dot_product_flash_attention_for_cpu_backward(grad, a.q, a.k, a.v, a.mixed,
+                                                                                       a.kept, 0.0, false);
+    return {dq, dk, dv};
+  }
+  const auto rows = heads_of(grad);
+  const auto dshares = at::bmm(rows, a.v.transpose(1, 2));
+  const auto dscores = at::_softmax_backward_data(dshares, a.kept, -1, at::kBFloat16);
+  const auto by_heads = [&](const Tensor& x) { return x.view({grad.size(0), grad.size(1), x.size(1), x.size(2)}); };
+  return {by_heads(at::bmm(dscores, a.k).mul_(scale_of(grad))), by_heads(at::bmm(dscores.transpose(1, 2), a.q)),
+          by_heads(at::bmm(a.kept.transpose(1, 2), rows))};
+}
+
 // x + W₂ gelu(W₁ LN(x) + b₁) + b₂
 struct FeedForward : Function<FeedForward> {
   static Tensor forward(AutogradContext* context, const Tensor& x, const Tensor& gain, const Tensor& bias,
@@ -99,10 +142,11 @@ struct OwnAttention : Function<OwnAttention> {
     const auto own = norm(x, gain, bias);
     const auto rows = affine_rows(own.rows, all, all_bias);
     const int64_t b = x.size(0);
-    auto [mixed, sums] = at::_scaled_dot_product_flash_attention_for_cpu(
-        part(rows, b, heads, 3, 0, fused), part(rows, b, heads, 3, 1, fused), part(rows, b, heads, 3, 2, fused));
-    auto y = affine_rows(joined(mixed), out, out_bias).view(x.sizes());
-    context->save_for_backward({x, gain, bias, own.rows, own.mean, own.rstd, rows, mixed, sums, all, out});
+    const auto a = attend(part(rows, b, heads, 3, 0, fused), part(rows, b, heads, 3, 1, fused),
+                          part(rows, b, heads, 3, 2, fused));
+    auto y = affine_rows(joined(a.mixed), out, out_bias).view(x.sizes());
+    context->save_for_backward(
+        {x, gain, bias, own.rows, own.mean, own.rstd, a.mixed, a.q, a.k, a.v, a.kept, all, out});
     context->saved_data["apart"] = k.has_value();
     context->saved_data["biased"] = all_bias.has_value();
     context->saved_data["heads"] = heads;
@@ -114,20 +158,15 @@ struct OwnAttention : Function<OwnAttention> {
     once();
     Below below;
     const auto s = context->get_saved_variables();
-    const Tensor &x = s[0], &gain = s[1], &bias = s[2], &own = s[3], &rows = s[6], &mixed = s[7], &sums = s[8],
-                 &all = s[9], &out = s[10];
+    const Tensor &x = s[0], &gain = s[1], &bias = s[2], &own = s[3], &all = s[11], &out = s[12];
+    const Attended a{s[6], s[7], s[8], s[9], s[10]};
     const int64_t heads = context->saved_data["heads"].toInt(), b = x.size(0);
     const bool fused = context->saved_data["fused"].toBool();
     const auto grad = grads[0].contiguous();
-    const auto [dout, dout_bias] = weight_back(rows_of(grad), joined(mixed), true);
-    const auto dmixed = part(affine_rows_back(rows_of(grad), out), b, heads, 1, 0, false);
-    const auto of = [&](const Tensor& t, int64_t k) { return part(t, b, heads, 3, k, fused); };
-    const auto [dq, dk, dv] = at::_scaled_dot_product_flash_attention_for_cpu_backward(
-        dmixed, of(rows, 0), of(rows, 1), of(rows, 2), mixed, sums, 0.0, false);
-    const auto drows = at::empty_like(rows);
-    of(drows, 0).copy_(dq);
-    of(drows, 1).copy_(dk);
-    of(drows, 2).copy_(dv);
+    const auto [dout, dout_bias] = weight_back(rows_of(grad), joined(a.mixed), true);
+    const auto parts = attend_back(part(affine_rows_back(rows_of(grad), out), b, heads, 1, 0, false), a);
+    const auto drows = at::empty({own.size(0), all.size(0)}, x.options());
+    for (int64_t k = 0; k < 3; ++k) part(drows, b, heads, 3, k, fused).copy_(parts[k]);
     const auto [dall, dall_bias] = weight_back(drows, own, context->saved_data["biased"].toBool());
     auto [dx, dgain, dbias] = norm_back(affine_rows_back(drows, all), x, s[4], s[5], gain, bias);
     dx.add_(grad);
@@ -177,10 +216,12 @@ struct OtherAttention : Function<OtherAttention> {
     const auto asked = affine_rows(own.rows, q, q_bias);
     const int64_t r = keys.size(0);
     const auto both = rows_of(keys);
-    auto [mixed, sums] = at::_scaled_dot_product_flash_attention_for_cpu(
-        part(asked, r, heads, 1, 0, false), part(both, r, heads, 2, 0, fused), part(both, r, heads, 2, 1, fused));
-    auto y = affine_rows(joined(mixed), out, out_bias).view(x.sizes());
-    context->save_for_backward({x, gain, bias, own.rows, own.mean, own.rstd, asked, keys, mixed, sums, q, out});
+    const auto a = attend(part(asked, r, heads, 1, 0, false), part(both, r, heads, 2, 0, fused),
+                          part(both, r, heads, 2, 1, fused));
+    auto y = affine_rows(joined(a.mixed), out, out_bias).view(x.sizes());
+    context->save_for_backward(
+        {x, gain, bias, own.rows, own.mean, own.rstd, a.mixed, a.q, a.k, a.v, a.kept, q, out});
+    context->saved_data["keys"] = keys.sizes();
     context->saved_data["biased"] = q_bias.has_value();
     context->saved_data["heads"] = heads;
     context->saved_data["fused"] = fused;
@@ -191,24 +232,21 @@ struct OtherAttention : Function<OtherAttention> {
     once();
     Below below;
     const auto s = context->get_saved_variables();
-    const Tensor &x = s[0], &gain = s[1], &bias = s[2], &own = s[3], &asked = s[6], &keys = s[7], &mixed = s[8],
-                 &sums = s[9], &q = s[10], &out = s[11];
-    const int64_t heads = context->saved_data["heads"].toInt(), r = keys.size(0);
+    const Tensor &x = s[0], &gain = s[1], &bias = s[2], &own = s[3], &q = s[11], &out = s[12];
+    const Attended a{s[6], s[7], s[8], s[9], s[10]};
+    const auto keys = context->saved_data["keys"].toIntVector();
+    const int64_t heads = context->saved_data["heads"].toInt(), r = keys[0];
     const bool fused = context->saved_data["fused"].toBool();
     const auto grad = grads[0].contiguous();
-    const auto [dout, dout_bias] = weight_back(rows_of(grad), joined(mixed), true);
-    const auto dmixed = part(affine_rows_back(rows_of(grad), out), r, heads, 1, 0, false);
-    const auto both = rows_of(keys);
-    const auto [dq, dk, dv] = at::_scaled_dot_product_flash_attention_for_cpu_backward(
-        dmixed, part(asked, r, heads, 1, 0, false), part(both, r, heads, 2, 0, fused),
-        part(both, r, heads, 2, 1, fused), mixed, sums, 0.0, false);
-    const auto dkeys = at::empty_like(both);
+    const auto [dout, dout_bias] = weight_back(rows_of(grad), joined(a.mixed), true);
+    const auto [dq, dk, dv] = attend_back(part(affine_rows_back(rows_of(grad), out), r, heads, 1, 0, false), a);
+    const auto dkeys = at::empty({keys[0] * keys[1], keys[2]}, x.options());
     part(dkeys, r, heads, 2, 0, fused).copy_(dk);
     part(dkeys, r, heads, 2, 1, fused).copy_(dv);
     const auto dasked = joined(dq);
     const auto [dweight, dweight_bias] = weight_back(dasked, own, context->saved_data["biased"].toBool());
     auto [dx, dgain, dbias] = norm_back(affine_rows_back(dasked, q), x, s[4], s[5], gain, bias);
-    return {dx.add_(grad), dgain, dbias,     dweight, dweight_bias, dkeys.view(keys.sizes()),
+    return {dx.add_(grad), dgain, dbias,     dweight, dweight_bias, dkeys.view(keys),
             dout,          dout_bias, {}, {}};
   }
 };

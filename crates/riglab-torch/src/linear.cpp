@@ -81,9 +81,9 @@ struct Affine : torch::autograd::Function<Affine> {
   }
 };
 
-// Whether maps of so many rows are ours.
+// Whether maps of so many rows are ours. In bfloat16 libtorch takes oneDNN itself, by a way that is faster still.
 bool is_ours(int64_t rows, const Tensor& w) {
-  return rows >= kRows && rows * w.numel() >= kProducts && product().has_value();
+  return w.scalar_type() == at::kFloat && rows >= kRows && rows * w.numel() >= kProducts && product().has_value();
 }
 
 }  // namespace
