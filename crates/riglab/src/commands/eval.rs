@@ -200,7 +200,7 @@ fn sets_key(sets: &[String], key: &str) -> bool {
 }
 
 /// Settings by which a network was made or trained: other ones are another network, or mean nothing here.
-const OF_TRAINING: [&str; 13] = [
+const OF_TRAINING: [&str; 26] = [
     "task",
     "model",
     "train",
@@ -214,6 +214,20 @@ const OF_TRAINING: [&str; 13] = [
     "skin.codes",
     "skin.empty",
     "sampling.told",
+    // What batches of a training are made of.
+    "sampling.rigs",
+    "sampling.bones",
+    "sampling.class_dropout",
+    "sampling.variants",
+    "sampling.decoder",
+    "sampling.prefix",
+    "sampling.code_noise",
+    "sampling.frame_noise",
+    "sampling.bone_power",
+    "sampling.queries",
+    "sampling.pairs",
+    "sampling.pool",
+    "sampling.merge",
 ];
 
 /// Refuses settings of an evaluation that are the training's.
@@ -416,7 +430,7 @@ mod tests {
             let set: Vec<String> = set.iter().map(|s| (*s).to_owned()).collect();
             TaskConfig::read(&presets::load("quickstart/tokenrig.toml", &set).unwrap()).unwrap()
         };
-        for set in ["skin.empty=false", "skin.codes=3", "tokenizer.bins=64"] {
+        for set in ["skin.empty=false", "skin.codes=3", "tokenizer.bins=64", "sampling.class_dropout=0.25"] {
             assert!(trained_so(&read(&[]), &read(&[set])).unwrap_err().to_string().contains(set), "{set}");
         }
         trained_so(&read(&[]), &read(&["eval.skins=1"])).unwrap();
