@@ -288,8 +288,9 @@ pub(super) fn unread(eval: &EvalConfig) -> Option<String> {
     })
 }
 
-/// Sentences on settings that were changed and have no effect beside others.
-pub(super) fn idle(config: &GrpoTaskConfig) -> Vec<String> {
+/// Sentences on settings that were changed and have no effect beside others; `weighs`: whether the model that is refined
+/// says weights, not skeletons alone.
+pub(super) fn idle(config: &GrpoTaskConfig, weighs: bool) -> Vec<String> {
     let (own, default) = (&config.objective, ObjectiveConfig::default());
     let (used, asked) = (config.rollout.vertices, config.eval.vertices);
     let clips =
@@ -304,7 +305,18 @@ pub(super) fn idle(config: &GrpoTaskConfig) -> Vec<String> {
     if own.length != default.length && own.norm != Norm::Constant {
         notes.push("objective.length has no effect: only objective.norm = \"constant\" reads it".into());
     }
-    if asked != EvalConfig::default().vertices && asked > used {
+    if !weighs {
+        let (eval, default) = (&config.eval, EvalConfig::default());
+        let of_weights = [
+            ("rollout.vertices", used != RolloutConfig::default().vertices),
+            ("eval.vertices", asked != default.vertices),
+            ("eval.cut", eval.cut != default.cut),
+        ];
+        let set = of_weights.into_iter().filter(|(_, set)| *set);
+        notes.extend(
+            set.map(|(key, _)| format!("{key} has no effect: the model draws skeletons alone, without weights")),
+        );
+    } else if asked != EvalConfig::default().vertices && asked > used {
         notes.push(format!(
             "eval.vertices = {asked} is for pictures alone: rewards are judged at rollout.vertices = {used} of them at most, \
              as in training"
@@ -334,7 +346,7 @@ mod tests {
         let of = |change: fn(&mut GrpoTaskConfig)| {
             let mut c = GrpoTaskConfig::default();
             change(&mut c);
-            idle(&c).iter().map(|note| note.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
+            idle(&c, true).iter().map(|note| note.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
         };
         assert!(of(|_| ()).is_empty());
         let clips = |c: &mut GrpoTaskConfig| (c.objective.clip, c.objective.clip_high) = (0.1, 0.3);
@@ -344,6 +356,12 @@ mod tests {
         assert!(of(|c| (c.objective.length, c.objective.norm) = (100.0, Norm::Constant)).is_empty());
         assert_eq!(of(|c| c.eval.vertices = 2048), ["eval.vertices"]);
         assert!(of(|c| c.eval.vertices = 64).is_empty());
+        let mut skeletons = GrpoTaskConfig::default();
+        assert!(idle(&skeletons, false).is_empty());
+        (skeletons.rollout.vertices, skeletons.eval.vertices, skeletons.eval.cut) = (7, 2048, 0.5);
+        let said = idle(&skeletons, false);
+        let keys = ["rollout.vertices has no effect", "eval.vertices has no effect", "eval.cut has no effect"];
+        assert!(said.len() == 3 && said.iter().zip(keys).all(|(said, key)| said.starts_with(key)), "{said:?}");
     }
 
     #[test]

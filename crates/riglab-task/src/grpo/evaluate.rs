@@ -78,6 +78,8 @@ impl How {
 struct Tally {
     sums: Sums,
     rewards: Vec<Rewards>,
+    /// J2J to the true rigs that have one, with 1 of each draw that is no skeleton.
+    known: Vec<f64>,
 }
 
 impl Tally {
@@ -89,7 +91,17 @@ impl Tally {
 
     fn add_rig(&mut self, found: Option<&Joints>, truth: &Joints, rewards: Rewards) -> SkeletonDistances {
         self.rewards.push(rewards);
-        self.sums.add_alone(found, truth)
+        let own = self.sums.add_alone(found, truth);
+        // A bare mesh has one joint in its middle, to which nothing is compared.
+        if truth.positions.len() > 1 {
+            self.known.push(if own.j2j.is_finite() { own.j2j } else { 1.0 });
+        }
+        own
+    }
+
+    /// The mean J2J by which the guard tells how much worse skeletons got; `None` where no true rig is known.
+    fn guarded(&self) -> Option<f64> {
+        (!self.known.is_empty()).then(|| self.known.iter().sum::<f64>() / self.known.len() as f64)
     }
 
     fn row(&self, split: &str, model: &str) -> Row {
@@ -126,16 +138,17 @@ impl Pair {
     }
 }
 
-/// What a validation logs; what compares with true rigs only where some are `known`.
-fn metrics(row: &Row, first: First, within: bool, known: bool) -> Vec<(String, f64)> {
+/// What a validation logs; what compares with true rigs only where some are known, with `j2j` as their mean.
+fn metrics(row: &Row, first: First, within: bool, j2j: Option<f64>) -> Vec<(String, f64)> {
     let r = row.rewards;
     let mut metrics = row.skeletons.validation();
-    if !known {
-        metrics.retain(|(name, _)| name == "valid@val");
+    match j2j {
+        Some(j2j) => metrics.iter_mut().filter(|(name, _)| name == "j2j_all@val").for_each(|(_, value)| *value = j2j),
+        None => metrics.retain(|(name, _)| name == "valid@val"),
     }
     metrics.push(("reward@val".into(), r.total));
     metrics.extend(Rewards::PARTS.iter().zip(r.parts()).map(|(part, value)| (format!("{}@val", part.name), value)));
-    metrics.extend(known.then(|| ("start_j2j@val".into(), first.j2j)));
+    metrics.extend(j2j.map(|_| ("start_j2j@val".into(), first.j2j)));
     metrics.push(("start_reward@val".into(), first.reward));
     // What is not finite never is the best.
     metrics.push(("guarded_reward@val".into(), if within { r.total } else { f64::NAN }));
@@ -208,8 +221,13 @@ impl GrpoTask {
         Ok(all)
     }
 
-    /// Ranks share the meshes.
-    fn validation_row(&self, w: &Weights, all: &[Arc<JudgedMesh>], ranks: &Ranks) -> Result<Row, String> {
+    /// The row of the validation split, and what the guard looks at. Ranks share the meshes.
+    fn validation_row(
+        &self,
+        w: &Weights,
+        all: &[Arc<JudgedMesh>],
+        ranks: &Ranks,
+    ) -> Result<(Row, Option<f64>), String> {
         let how = self.counted();
         let parts: Vec<_> = all.chunks((self.config.eval.rows / how.count()).max(1)).collect();
         let judged = |k: usize| {
@@ -225,30 +243,28 @@ impl GrpoTask {
         for (found, truth, rewards) in ranks.share(parts.len(), judged, |_| {}).map_err(|e| e.to_string())?.concat() {
             tally.add_rig(found.as_ref(), &truth, rewards);
         }
-        Ok(tally.row("val", "policy"))
+        Ok((tally.row("val", "policy"), tally.guarded()))
     }
 
     /// Rewards and distances on the validation split, and how far the distances may worsen.
     pub(super) fn validation(&self, w: &Weights, at: At) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
         let all = self.validation_meshes()?;
-        let of = |row: &Row| row.skeletons.validation().first().map_or(f64::NAN, |(_, j2j)| *j2j);
         let first = match self.first.get() {
             Some(first) => first,
             None => {
-                let row = self.validation_row(&self.start, &all, at.ranks)?;
-                let first = First { j2j: of(&row), reward: row.rewards.total };
+                let (row, j2j) = self.validation_row(&self.start, &all, at.ranks)?;
+                // Without true rigs skeletons get neither better nor worse.
+                let first = First { j2j: j2j.unwrap_or(1.0), reward: row.rewards.total };
                 self.first.set(Some(first));
                 first
             }
         };
-        let row = self.validation_row(w, &all, at.ranks)?;
-        let (own, worse) = (of(&row), self.config.guard.worse);
+        let (row, j2j) = self.validation_row(w, &all, at.ranks)?;
+        let (own, worse) = (j2j.unwrap_or(first.j2j), self.config.guard.worse);
         let within = own <= first.j2j * worse;
         let r = row.rewards;
-        // A bare mesh has one joint in its middle.
-        let known = all.iter().any(|held| Joints::of(held.rig.skeleton()).positions.len() > 1);
-        let metrics = metrics(&row, first, within, known);
+        let metrics = metrics(&row, first, within, j2j);
         let mut warnings = Vec::new();
         if !within {
             warnings.push(format!(
@@ -423,13 +439,33 @@ mod tests {
             "j2b": null, "b2b": null, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
         let rewards = Rewards::of([0.5; 4], [5.0, 1.0, 1.0, 1.0]);
         let row = Row { rewards, skeletons: serde_json::from_value(skeletons).unwrap() };
-        let names = |known: bool| -> Vec<String> {
-            metrics(&row, First { j2j: 1.0, reward: 4.0 }, true, known).into_iter().map(|(name, _)| name).collect()
+        let names = |j2j: Option<f64>| -> Vec<String> {
+            metrics(&row, First { j2j: 1.0, reward: 4.0 }, true, j2j).into_iter().map(|(name, _)| name).collect()
         };
         let bare =
             ["valid", "reward", "coverage", "containment", "skinning", "motion", "start_reward", "guarded_reward"];
-        assert_eq!(names(false), bare.map(|name| format!("{name}@val")));
+        assert_eq!(names(None), bare.map(|name| format!("{name}@val")));
         let more = ["j2j_all@val", "j2j@val", "j2b@val", "b2b@val", "joints_off@val", "start_j2j@val"];
-        assert!(more.iter().all(|name| names(true).iter().any(|own| own == name)) && names(true).len() == 8 + 6);
+        let all = names(Some(0.1));
+        assert!(more.iter().all(|name| all.iter().any(|own| own == name)) && all.len() == 8 + 6);
+    }
+
+    #[test]
+    fn the_guard_looks_at_rigs_that_are_known_and_counts_draws_that_are_none() {
+        let rewards = Rewards::of([0.5; 4], [5.0, 1.0, 1.0, 1.0]);
+        let of = |n: usize, x: f64| Joints {
+            positions: (0..n).map(|k| [x, k as f64, 0.0]).collect(),
+            parents: (0..n).map(|k| k.checked_sub(1)).collect(),
+        };
+        let mut tally = Tally::default();
+        assert_eq!(tally.guarded(), None);
+        for _ in 0..5 {
+            tally.add_rig(Some(&of(3, 0.0)), &of(1, 0.0), rewards);
+        }
+        assert_eq!(tally.guarded(), None, "bare meshes alone");
+        let near = tally.add_rig(Some(&of(3, 0.1)), &of(3, 0.0), rewards).j2j;
+        assert!(near < 0.2 && tally.guarded() == Some(near), "beside bare meshes");
+        tally.add_rig(None, &of(3, 0.0), rewards);
+        assert_eq!(tally.guarded(), Some((near + 1.0) / 2.0));
     }
 }

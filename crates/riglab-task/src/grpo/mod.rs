@@ -50,7 +50,7 @@ use policy::Policy;
 /// What the model that a run starts from has on the validation split.
 #[derive(Clone, Copy, Debug)]
 struct First {
-    /// Its J2J over all meshes.
+    /// Its J2J over the meshes whose true rig is known, with 1 for a draw that is no skeleton.
     j2j: f64,
     /// Its mean reward; NaN in runs that were begun before it was kept.
     reward: f64,
@@ -352,7 +352,9 @@ impl Experiment for GrpoTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        let own = config::unread(&self.config.eval).into_iter().chain(config::idle(&self.config));
+        let own = config::unread(&self.config.eval)
+            .into_iter()
+            .chain(config::idle(&self.config, self.policy.vae().is_some()));
         self.policy.notes().into_iter().chain(own).collect()
     }
 
