@@ -12,7 +12,7 @@ use binary::{config, corpus_of, must, text};
 /// A Python with what the notebooks need; `None`, with a line that says so, on a machine that has none.
 fn python() -> Option<PathBuf> {
     let set = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    let cache = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
+    let cache = set("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(|| Some(set("HOME")?.join(".cache")));
     // Where `cargo xtask notebooks` puts it.
     let own = cache.map(|c| c.join("riglab/notebooks-venv-1/bin/python"));
     let all = set("RIGLAB_NOTEBOOK_PYTHON").into_iter().chain(own).chain([PathBuf::from("python3")]);

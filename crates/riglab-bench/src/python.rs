@@ -212,7 +212,7 @@ pub fn put_in_place(made: &Path, home: &Path, within: &str) -> Result<()> {
 
 /// The cache that set-up uses too.
 pub fn cache() -> Result<PathBuf> {
-    let set = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let set = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let base = set("XDG_CACHE_HOME").or_else(|| Some(set("HOME")?.join(".cache")));
     let dir = base.context("neither XDG_CACHE_HOME nor HOME is set")?.join("riglab");
     fs::create_dir_all(&dir).with_context(|| format!("cannot make {}", dir.display()))?;

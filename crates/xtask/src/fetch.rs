@@ -164,7 +164,8 @@ fn sha256(path: &Path) -> Result<String> {
 
 /// The folder that all clones of this user share: `$XDG_CACHE_HOME/riglab` or `~/.cache/riglab`.
 pub fn cache() -> Result<PathBuf> {
-    let base = match std::env::var_os("XDG_CACHE_HOME").filter(|v| !v.is_empty()) {
+    // A path that is not whole names no place, as the XDG specification says.
+    let base = match std::env::var_os("XDG_CACHE_HOME").filter(|v| Path::new(v).is_absolute()) {
         Some(dir) => PathBuf::from(dir),
         None => match std::env::var_os("HOME") {
             Some(home) => Path::new(&home).join(".cache"),

@@ -19,8 +19,9 @@ pub fn set_to(variable: &str, own: &str) -> Option<PathBuf> {
 
 /// A program of the workspace, built for release.
 pub fn built(name: &str) -> PathBuf {
-    let target = std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root().join("target"), PathBuf::from);
-    target.join("release").join(name)
+    // Cargo is started in the root, so that one that is not whole is below it.
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    root().join(target).join("release").join(name)
 }
 
 /// Runs cargo in the workspace; its output goes to the user.
