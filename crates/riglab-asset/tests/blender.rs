@@ -2,13 +2,14 @@
 //!
 //! `blender.json.xz` holds what Blender's importer reads: bones, counts, sums of weights, and forty
 //! vertices a file. Where Blender is wrong or cannot read a file, a reference reading decides; where
-//! no reading is right, none is asked for, but the warning about it is.
+//! there is none, joints stand to each other as the file's nodes do, or a warning says that no reading is right.
 
 mod common;
 
 use std::collections::HashMap;
 use std::path::Path;
 
+use glam::{DAffine3, DQuat, DVec3};
 use riglab_asset::{ImportOptions, Imported, Inspection, Warning, import};
 use serde::Deserialize;
 use serde_json::Value;
@@ -56,6 +57,8 @@ enum Verdict {
     Agrees,
     /// With the reference reading, where Blender is not to be followed.
     AgreesWithReference,
+    /// With the file's nodes, which show each skin in its bind pose, in whatever space its mesh is; but for the place of all.
+    AgreesWithNodes,
     /// No reading is right; imported with a warning.
     Free,
     NoGolden,
@@ -104,10 +107,48 @@ fn judge(readings: &Readings, key: &str, path: &Path) -> Result<Verdict, Vec<Str
         (false, Some(why), None) => {
             let warned =
                 imported.warnings().iter().any(|w| matches!(w, Warning::Bent { .. } | Warning::Unweighted { .. }));
-            if warned { Ok(Verdict::Free) } else { Err(vec![format!("no warning, though {why}")]) }
+            match warned {
+                true => Ok(Verdict::Free),
+                false if stands_as_shown(path, &imported) => Ok(Verdict::AgreesWithNodes),
+                false => Err(vec![format!("no warning, though {why}")]),
+            }
         }
         (false, None, _) => Err(found),
     }
+}
+
+/// Whether all joints stand to each other as the nodes of a GLB do: told by how far they are from some of them.
+fn stands_as_shown(path: &Path, imported: &Imported) -> bool {
+    let glb = std::fs::read(path).unwrap();
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let document: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let nodes = document["nodes"].as_array().unwrap();
+    let children = |node: usize| nodes[node]["children"].as_array().into_iter().flatten();
+    let mut parents = vec![None; nodes.len()];
+    (0..nodes.len()).for_each(|node| children(node).for_each(|c| parents[c.as_u64().unwrap() as usize] = Some(node)));
+    let local = |node: &Value| {
+        assert!(node["matrix"].is_null());
+        let part = |name: &str, k: usize, usual: f64| node[name][k].as_f64().unwrap_or(usual);
+        DAffine3::from_scale_rotation_translation(
+            DVec3::from_array(std::array::from_fn(|k| part("scale", k, 1.0))),
+            DQuat::from_array(std::array::from_fn(|k| part("rotation", k, [0.0, 0.0, 0.0, 1.0][k]))),
+            DVec3::from_array(std::array::from_fn(|k| part("translation", k, 0.0))),
+        )
+    };
+    let size = f64::from(imported.rig().unwrap().bounds().diagonal());
+    let places: Vec<([f64; 3], [f64; 3])> = imported
+        .reading
+        .joints
+        .iter()
+        .map(|joint| {
+            let up = std::iter::successors(Some(joint.node), |&node| parents[node]);
+            let shown = up.fold(DVec3::ZERO, |at, node| local(&nodes[node]).transform_point3(at));
+            (shown.to_array(), joint.head.map(f64::from))
+        })
+        .collect();
+    let apart = |a: usize, b: usize| distance(places[a].0, places[b].0) - distance(places[a].1, places[b].1);
+    let count = places.len();
+    (0..count).all(|a| [0, count / 3, count / 2, count - 1].iter().all(|&b| apart(a, b).abs() <= NEAR * size))
 }
 
 /// In what our reading differs from another.

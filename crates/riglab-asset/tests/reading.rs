@@ -245,44 +245,74 @@ fn json_of_inspect_has_what_scripts_read() {
     assert_eq!(json["warnings"], json!([]));
 }
 
-/// With the tiny mesh once more, all of it on the joint `on`, in a space of its own: positions are `(p - offset) / scale`,
-/// and the inverse bind matrix takes that back first, as quantised meshes have it.
-fn quantised(tiny: Tiny, on: usize, scale: f32, offset: f32) -> Tiny {
+/// With the tiny mesh once more, bound to the joints `on`, each as high as its number, and all of it on the first. It is in a
+/// space of its own: positions are `(p - offset) / scale`, and the inverse bind matrices take that back first, as quantised
+/// meshes have it.
+fn quantised(tiny: Tiny, on: &[usize], scale: f32, offset: f32) -> Tiny {
     let floats = |all: &[f32]| all.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>();
     let stored = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0f32]];
     let stored = stored.map(|p| p.map(|x| (x - offset) / scale));
-    let mut matrix = [0.0f32; 16];
-    (matrix[0], matrix[5], matrix[10], matrix[15]) = (scale, scale, scale, 1.0);
-    (matrix[12], matrix[13], matrix[14]) = (offset, offset - on as f32, offset);
+    let matrix = |joint: &usize| {
+        let mut matrix = [0.0f32; 16];
+        (matrix[0], matrix[5], matrix[10], matrix[15]) = (scale, scale, scale, 1.0);
+        (matrix[12], matrix[13], matrix[14]) = (offset, offset - *joint as f32, offset);
+        matrix
+    };
     let number = tiny.accessors();
     let tiny = tiny
         .with_accessor(5126, "VEC3", 4, &floats(stored.as_flattened()))
         .with_accessor(5121, "VEC4", 4, &[0; 16])
         .with_accessor(5126, "VEC4", 4, &floats([[1.0, 0.0, 0.0, 0.0f32]; 4].as_flattened()))
-        .with_accessor(5126, "MAT4", 1, &floats(&matrix));
+        .with_accessor(5126, "MAT4", on.len(), &floats(&on.iter().flat_map(matrix).collect::<Vec<_>>()));
     let [mesh, skin] = ["meshes", "skins"].map(|list| tiny.document[list].as_array().unwrap().len());
     let attributes = json!({"POSITION": number, "JOINTS_0": number + 1, "WEIGHTS_0": number + 2});
     tiny.with("/nodes/-", json!({"mesh": mesh, "skin": skin}))
         .with("/meshes/-", json!({"primitives": [{"attributes": attributes, "indices": INDICES}]}))
-        .with("/skins/-", json!({"joints": [on], "inverseBindMatrices": number + 3}))
+        .with("/skins/-", json!({"joints": on, "inverseBindMatrices": number + 3}))
+}
+
+/// The tiny rig with an end above its tip, which no skin has yet.
+fn with_end() -> Tiny {
+    Tiny::new().with("/nodes/2/children", json!([3])).with("/nodes/-", json!({"name": "end", "translation": [0, 1, 0]}))
+}
+
+fn heads(imported: &Imported) -> Vec<[f32; 3]> {
+    imported.reading.joints.iter().map(|joint| joint.head).collect()
+}
+
+const UPRIGHT: [[f32; 3]; 3] = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]];
+
+#[test]
+fn joints_of_skins_with_meshes_in_unlike_spaces_are_where_all_were_bound() {
+    // A joint of both skins, and none of both.
+    for on in [&[2, 3][..], &[3]] {
+        let imported = read(&quantised(with_end(), on, 0.25, 0.5));
+        assert_eq!((heads(&imported), imported.warnings()), (UPRIGHT.to_vec(), &[][..]), "{on:?}");
+        let positions = imported.mesh().positions();
+        assert_eq!(positions[..4], positions[4..], "{on:?}");
+    }
 }
 
 #[test]
 fn a_skin_on_joints_that_another_had_moved_goes_with_them() {
-    // The body's joints contradict each other below a common node, so they go to where it was bound; the hat follows.
+    // The body's joints contradict each other below a common node, so they go to where it was bound; the hat follows, with
+    // the joint that is its alone.
     let mut tiny =
-        Tiny::new().with("/nodes/2/translation", json!([0, 5, 0])).with("/nodes/-", json!({"children": [1, 2]}));
+        with_end().with("/nodes/2/translation", json!([0, 5, 0])).with("/nodes/-", json!({"children": [1, 2]}));
     tiny.document["nodes"][1].as_object_mut().unwrap().remove("children");
-    let imported = read(&quantised(tiny, 2, 0.25, 0.5));
-    let positions = imported.mesh().positions();
-    assert_eq!((positions[2], positions[6]), ([0.0, 2.5, 0.0], [0.0, 2.5, 0.0]));
+    for on in [&[2][..], &[2, 3], &[3, 2]] {
+        let imported = read(&quantised(tiny.clone(), on, 0.25, 0.5));
+        let positions = imported.mesh().positions();
+        assert_eq!((positions[2], positions[6]), ([0.0, 2.5, 0.0], [0.0, 2.5, 0.0]), "{on:?}");
+        assert_eq!(heads(&imported), UPRIGHT[..=on.len()], "{on:?}");
+    }
 }
 
 #[test]
 fn quantised_models_without_their_rig_stand_where_the_file_shows_them() {
     // The root's inverse bind matrix brings to size; the rig has no scale, and stands elsewhere. A hat hangs on nothing.
     let hat = json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]});
-    let mut tiny = quantised(Tiny::new(), 1, 0.25, 0.5).with("/nodes/-", json!({"mesh": 2})).with("/meshes/-", hat);
+    let mut tiny = quantised(Tiny::new(), &[1], 0.25, 0.5).with("/nodes/-", json!({"mesh": 2})).with("/meshes/-", hat);
     tiny.document["nodes"][0] = json!({"name": "body"});
     let imported = read(&tiny);
     assert_eq!((imported.mesh().positions()[0], imported.reading.shown_off), ([-2.0, 1.0, -2.0], [2.0, -1.0, 2.0]));
@@ -292,7 +322,7 @@ fn quantised_models_without_their_rig_stand_where_the_file_shows_them() {
     let shown = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.5, 0.0], [0.0, 0.0, 1.0]];
     assert_eq!(bare.mesh().positions(), [shown, shown].concat());
     // Of skins that are shown elsewhere by one and another way, nothing is moved.
-    assert_eq!(read(&quantised(Tiny::new(), 1, 0.25, 0.5)).reading.shown_off, [0.0; 3]);
+    assert_eq!(read(&quantised(Tiny::new(), &[1], 0.25, 0.5)).reading.shown_off, [0.0; 3]);
 }
 
 #[test]

@@ -8,12 +8,17 @@
 //! 1. The *armature* of a skin is the deepest node above its joints. Nodes from a joint up to it are
 //!    *bones*, joints or not.
 //! 2. The bind pose of a bone is that of its parent bone times a local part without scale: from the
-//!    inverse bind matrices of both where both are known, else the node's own.
+//!    inverse bind matrices of both where both are known, else the node's own. Beyond Blender: both are
+//!    of one skin where one has both, as each skin starts from the space of its own mesh; where none
+//!    has, and both skins show their bind pose, the node's own part, if it has no scale, is that pose's.
 //! 3. All is placed by the armature's transform. That of the node that holds the mesh plays no part.
 //! 4. Beyond Blender: bind pose times inverse bind matrix must be one map for all joints of a skin, or
-//!    the rest pose would bend the mesh. If it is not, that of the first top joint serves for all.
+//!    the rest pose would bend the mesh. If it is not, that of the first top joint serves for all, or
+//!    that of a joint that another skin moved for the same reason; skins of the joints that were moved
+//!    go with them.
 
-use std::collections::HashSet;
+use std::cmp::Ordering;
+use std::collections::{HashSet, VecDeque};
 
 use glam::{DAffine3, DVec3};
 
@@ -22,7 +27,7 @@ use super::nodes::{Nodes, rigid};
 use super::primitives::Sources;
 use super::skins::{Skin, Skins};
 use crate::Warning;
-use crate::maps::{FLAT, Likeness, SAME, corners, is_flat};
+use crate::maps::{FLAT, Likeness, SAME, SkinBox, corners, is_flat};
 
 /// Where joints and vertices are at rest.
 pub(super) struct Binds {
@@ -44,14 +49,14 @@ impl Binds {
     ) -> Self {
         let boxes = sources.skin_boxes(skins.len());
         let bones = bones(nodes, skins);
-        let inverse_binds = known_inverse_binds(nodes, skins);
-        let mut frames = frames(nodes, &bones, &inverse_binds);
+        let known = InverseBinds::of(nodes, skins, &boxes);
+        let mut frames = frames(nodes, &bones, &known);
         let common = nodes.common(skins.joint_nodes().iter().copied());
         let origin = frames[common].unwrap_or(*nodes.global(common)).translation;
         let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
 
-        let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, &frames)).collect();
-        let (mut bent, mut posed, mut size, mut off) = (Vec::new(), Vec::new(), 1.0, 0.0f64);
+        let (maps, bent) = straighten(nodes, skins, &boxes, &mut frames);
+        let (mut posed, mut size, mut off) = (Vec::new(), 1.0, 0.0f64);
         // What the first skin says of that; whether all say the same.
         let (mut shown_off, mut agreed) = (None, true);
         for (number, skin) in skins.iter().enumerate() {
@@ -60,17 +65,9 @@ impl Binds {
                 agreed = false;
                 continue;
             };
-            let maps = &mut maps[number];
             let slot = top_joint(nodes, skin);
-            let top = maps[slot];
+            let top = maps[number][slot];
             let like = Likeness::under(&top, corners);
-            if !maps.iter().all(|map| like.same(map, &top)) {
-                bent.push(number);
-                maps.fill(top);
-                for (&node, inverse) in skin.joints.iter().zip(inverse) {
-                    frames[node] = Some(top * inverse.inverse());
-                }
-            }
             let shift =
                 |counts: &dyn Fn(usize) -> bool| shown_off_by(nodes, skin, inverse, (slot, &top), &like, counts);
             let of_holders = || {
@@ -96,15 +93,6 @@ impl Binds {
         let alike = agreed && bent.is_empty() && posed.is_empty();
         let shown_off = shown_off.filter(|_| alike).unwrap_or(DVec3::ZERO);
         if !bent.is_empty() {
-            // Other skins go with the joints that were moved.
-            for (number, skin) in skins.iter().enumerate().filter(|(number, _)| !bent.contains(number)) {
-                let (Some(_), Some(corners)) = (&skin.inverse_binds, boxes[number].map(corners)) else { continue };
-                let moved = skin_maps(skin, &frames);
-                let top = moved[top_joint(nodes, skin)];
-                let like = Likeness::under(&top, corners);
-                maps[number] =
-                    if moved.iter().all(|map| like.same(map, &top)) { moved } else { vec![top; moved.len()] };
-            }
             warnings.push(Warning::Bent { skins: bent });
         }
         if !posed.is_empty() {
@@ -175,26 +163,72 @@ fn bones(nodes: &Nodes, skins: &Skins) -> Vec<bool> {
     bones
 }
 
-/// The inverse bind matrix of each node, where there is one. Of several skins the last counts; above
-/// everything, and where `skin.skeleton` points, it is the identity.
-fn known_inverse_binds(nodes: &Nodes, skins: &Skins) -> Vec<Option<DAffine3>> {
-    let mut known = vec![None; nodes.len() + 1];
-    known[nodes.top()] = Some(DAffine3::IDENTITY);
-    for skin in skins.iter() {
-        let Some(inverse_binds) = &skin.inverse_binds else { continue };
-        if let Some(skeleton) = skin.skeleton {
-            let space = if skin.joints.contains(&skeleton) { nodes.parent(skeleton) } else { skeleton };
-            known[space].get_or_insert(DAffine3::IDENTITY);
+/// What is known of inverse bind matrices, by node.
+struct InverseBinds<'a> {
+    /// That of each skin of a node, skins rising.
+    of_skins: Vec<Vec<(usize, &'a DAffine3)>>,
+    /// Nodes whose space is that of meshes: the one above everything, and where `skin.skeleton` points.
+    spaces: Vec<bool>,
+    /// Whether the nodes of a skin's joints show it in its bind pose, whatever space its mesh is in.
+    shown: Vec<bool>,
+}
+
+impl<'a> InverseBinds<'a> {
+    fn of(nodes: &Nodes, skins: &'a Skins, boxes: &[SkinBox]) -> Self {
+        let mut of_skins = vec![Vec::new(); nodes.len() + 1];
+        let mut spaces = vec![false; nodes.len() + 1];
+        spaces[nodes.top()] = true;
+        let mut shown = vec![false; skins.len()];
+        for (number, skin) in skins.iter().enumerate() {
+            let Some(inverse_binds) = &skin.inverse_binds else { continue };
+            if let Some(skeleton) = skin.skeleton {
+                spaces[if skin.joints.contains(&skeleton) { nodes.parent(skeleton) } else { skeleton }] = true;
+            }
+            for (&node, inverse_bind) in skin.joints.iter().zip(inverse_binds) {
+                of_skins[node].push((number, inverse_bind));
+            }
+            let posed = |slot: usize| *nodes.global(skin.joints[slot]) * inverse_binds[slot];
+            // Hidden joints stand nowhere.
+            if let Some(own) = boxes[number].filter(|_| !is_flat(&posed(0).matrix3, FLAT)) {
+                let posed: Vec<DAffine3> = (0..skin.joints.len()).map(posed).collect();
+                shown[number] = is_one(&posed, &posed[0], corners(own));
+            }
         }
-        for (&node, inverse_bind) in skin.joints.iter().zip(inverse_binds) {
-            known[node] = Some(*inverse_bind);
-        }
+        Self { of_skins, spaces, shown }
     }
-    known
+
+    /// From the bind pose of a node's parent to its own, as far as that is told.
+    fn local(&self, nodes: &Nodes, node: usize) -> Option<DAffine3> {
+        let parent = nodes.parent(node);
+        let (above, own) = (&self.of_skins[parent], &self.of_skins[node]);
+        let (last, inverse) = own.last()?;
+        let Some((last_above, inverse_above)) = above.last() else {
+            return self.spaces[parent].then(|| inverse.inverse());
+        };
+        // Of several skins the last counts.
+        let (mut above, mut own) = (above.iter().rev().peekable(), own.iter().rev().peekable());
+        while let (Some((a, inverse_above)), Some((b, inverse))) = (above.peek(), own.peek()) {
+            match a.cmp(b) {
+                Ordering::Equal => return Some(**inverse_above * inverse.inverse()),
+                Ordering::Greater => drop(above.next()),
+                Ordering::Less => drop(own.next()),
+            }
+        }
+        // Two skins, whose meshes may be in unlike spaces: the nodes know better, unless a scale is to be left out of them.
+        let shown = self.shown[*last] && self.shown[*last_above];
+        let is_rigid = nodes.local(node).matrix3.abs_diff_eq(nodes.local_rigid(node).matrix3, SAME);
+        (!(shown && is_rigid)).then(|| **inverse_above * inverse.inverse())
+    }
+}
+
+/// Whether all maps take a box to one place, which is that of `one`.
+fn is_one(maps: &[DAffine3], one: &DAffine3, corners: [DVec3; 8]) -> bool {
+    let like = Likeness::under(one, corners);
+    maps.iter().all(|map| like.same(map, one))
 }
 
 /// The placed bind pose of every bone.
-fn frames(nodes: &Nodes, bones: &[bool], inverse_binds: &[Option<DAffine3>]) -> Vec<Option<DAffine3>> {
+fn frames(nodes: &Nodes, bones: &[bool], known: &InverseBinds<'_>) -> Vec<Option<DAffine3>> {
     let mut frames: Vec<Option<DAffine3>> = vec![None; nodes.len() + 1];
     for &node in nodes.order() {
         if !bones[node] {
@@ -202,13 +236,64 @@ fn frames(nodes: &Nodes, bones: &[bool], inverse_binds: &[Option<DAffine3>]) -> 
         }
         let parent = nodes.parent(node);
         let above = frames[parent].unwrap_or_else(|| placement(nodes, parent));
-        let local = match (&inverse_binds[parent], &inverse_binds[node]) {
-            (Some(parent), Some(own)) => rigid(&(*parent * own.inverse())),
-            _ => *nodes.local_rigid(node),
-        };
+        let local = known.local(nodes, node).map_or_else(|| *nodes.local_rigid(node), |local| rigid(&local));
         frames[node] = Some(above * local);
     }
     frames
+}
+
+/// The maps of each skin by slot, and the skins whose joints would bend their mesh: these are moved to where the mesh was
+/// bound, and with them the joints of other skins that share some.
+fn straighten(
+    nodes: &Nodes,
+    skins: &Skins,
+    boxes: &[SkinBox],
+    frames: &mut [Option<DAffine3>],
+) -> (Vec<Vec<DAffine3>>, Vec<usize>) {
+    let mut maps: Vec<Vec<DAffine3>> = skins.iter().map(|skin| skin_maps(skin, frames)).collect();
+    let bends = |number: &usize| {
+        let (Some(skin), Some(own)) = (skins.get(*number), boxes[*number]) else { return false };
+        let maps = &maps[*number];
+        skin.inverse_binds.is_some() && !is_one(maps, &maps[top_joint(nodes, skin)], corners(own))
+    };
+    let bent: Vec<usize> = (0..skins.len()).filter(bends).collect();
+    if bent.is_empty() {
+        return (maps, bent);
+    }
+    let mut of_joint: Vec<Vec<usize>> = vec![Vec::new(); nodes.len() + 1];
+    for (number, skin) in skins.iter().enumerate() {
+        skin.joints.iter().for_each(|&node| of_joint[node].push(number));
+    }
+    let mut moved = vec![false; nodes.len() + 1];
+    let mut done = vec![false; skins.len()];
+    let mut open: VecDeque<usize> = bent.iter().copied().collect();
+    while let Some(number) = open.pop_front() {
+        let (Some(skin), Some(own)) = (skins.get(number), boxes[number].map(corners)) else { continue };
+        let Some(inverse) = skin.inverse_binds.as_ref().filter(|_| !std::mem::replace(&mut done[number], true)) else {
+            continue;
+        };
+        let top = top_joint(nodes, skin);
+        let lead = if moved[skin.joints[top]] { None } else { skin.joints.iter().position(|&node| moved[node]) };
+        let lead = lead.unwrap_or(top);
+        let own_maps = &mut maps[number];
+        *own_maps = skin_maps(skin, frames);
+        let map = own_maps[lead];
+        if is_one(own_maps, &map, own) {
+            continue;
+        }
+        own_maps.fill(map);
+        for (&node, inverse) in skin.joints.iter().zip(inverse) {
+            if !std::mem::replace(&mut moved[node], true) {
+                frames[node] = Some(map * inverse.inverse());
+                open.extend(of_joint[node].iter().filter(|&&other| !done[other]));
+            }
+        }
+    }
+    // Those are in the space of their joints.
+    for (number, skin) in skins.iter().enumerate().filter(|(_, skin)| skin.inverse_binds.is_none()) {
+        maps[number] = skin_maps(skin, frames);
+    }
+    (maps, bent)
 }
 
 /// From an armature to the scene; the identity where that would flatten everything.
