@@ -152,6 +152,27 @@ fn corners_keep_what_they_have() {
 }
 
 #[test]
+fn skinned_meshes_under_nodes_that_mirror_face_outwards() {
+    let mirror = |children: Value| json!({"name": "all", "scale": [-1, 1, 1], "children": children});
+    let alone = dressed().with("/nodes/0/scale", json!([-1, 1, 1]));
+    let with_joints = dressed().with("/nodes/-", mirror(json!([0, 1])));
+    let joints = dressed().with("/nodes/-", mirror(json!([1])));
+    for (tiny, what) in [(&alone, "alone"), (&with_joints, "with its joints"), (&joints, "its joints alone")] {
+        let (was, is) = (read("a.glb", &tiny.glb()), read("a.fbx", &written(tiny).bytes));
+        assert_eq!(was.mesh().triangles(), is.mesh().triangles(), "{what}");
+        assert_eq!(was.mesh().positions(), is.mesh().positions(), "{what}");
+    }
+    // Of corners 0, 1 and 2 of the first triangle, which were 0, 2 and 1.
+    let scene = scene(&written(&alone).bytes);
+    let uv = |corner: usize| {
+        let of = &scene.meshes[0].vertex_uv;
+        let uv = of.values[of.indices[corner] as usize];
+        [uv.x, uv.y]
+    };
+    assert_eq!([uv(0), uv(1), uv(2)], [[0.0, 0.75], [1.0, 0.75], [0.0, 0.0]]);
+}
+
+#[test]
 fn materials_and_pictures_come_along() {
     let file = written(&dressed());
     let scene = scene(&file.bytes);

@@ -11,6 +11,7 @@ use crate::gltf::accessor::Accessors;
 use crate::gltf::influences;
 use crate::gltf::primitives::{SourceSet, Sources};
 use crate::influences::Repairs;
+use crate::maps::is_mirrored;
 use crate::{Fault, Part, triangles};
 
 /// Sets of coordinates, or of colours, that are read of a mesh: as many as programs have places for.
@@ -100,8 +101,9 @@ impl<'a, 'd> Reader<'a, 'd> {
         let mut growing = Growing::default();
         let name = self.json["meshes"][mesh]["name"].as_str().filter(|name| !name.is_empty());
         growing.mesh.name = name.map_or_else(|| format!("mesh {mesh}"), str::to_owned);
+        let turned = skin.is_some_and(|skin| self.is_turned(node, skin));
         for part in &parts {
-            self.part(&mut growing, mesh, part)?;
+            self.part(&mut growing, mesh, part, turned)?;
         }
         if growing.mesh.triangles.is_empty() {
             return Ok(None);
@@ -121,8 +123,15 @@ impl<'a, 'd> Reader<'a, 'd> {
         Ok(Some(own))
     }
 
-    /// Adds the points and triangles of a part.
-    fn part(&mut self, growing: &mut Growing, mesh: usize, part: &Part) -> Result<(), Fault> {
+    /// Whether the triangles of a skinned mesh face outwards when they are turned round: its node says so where it mirrors
+    /// (3.7.4 of glTF 2.0), in lists what binds it.
+    fn is_turned(&self, node: usize, skin: usize) -> bool {
+        let bound = self.places.binds.maps(skin).first().is_some_and(is_mirrored);
+        is_mirrored(self.places.nodes.global(node)) != bound
+    }
+
+    /// Adds the points and triangles of a part, these turned round where it is said so.
+    fn part(&mut self, growing: &mut Growing, mesh: usize, part: &Part, turned: bool) -> Result<(), Fault> {
         let set = &self.sources.sets[part.vertex_set];
         let points = &mut growing.mesh.points;
         let start = *growing.starts.entry(part.vertex_set).or_insert_with(|| {
@@ -131,7 +140,10 @@ impl<'a, 'd> Reader<'a, 'd> {
             start
         });
         let point = |v: &u32| set.numbers.binary_search(v).map_or(start, |at| start + at as u32);
-        let corners = self.corners(mesh, part, set)?;
+        let mut corners = self.corners(mesh, part, set)?;
+        if turned {
+            corners.iter_mut().for_each(|corners| corners.swap(1, 2));
+        }
         growing.mesh.triangles.extend(corners.iter().map(|triangle| triangle.each_ref().map(point)));
         growing.corners.push(corners);
         Ok(())
