@@ -249,6 +249,7 @@ fn body(body: &Body, joint_of: &[u16]) -> (Humanoid, Springs) {
 mod tests {
     use super::*;
     use crate::ReadJoint;
+    use crate::influences::Repairs;
 
     /// Joints by name, parent and skeleton, a triangle bound to the first.
     fn reading(joints: &[(&str, Option<usize>, usize)]) -> Reading {
@@ -264,6 +265,7 @@ mod tests {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
             weights: Some(SkinWeights::normalized(vec![vec![(0u16, 0.5), (1, 0.5)]; 3]).unwrap()),
             unweighted: vec![],
+            repairs: Repairs::default(),
             stored: 3,
             binding: Binding::Skinned,
         };

@@ -1,11 +1,15 @@
 //! One of several characters in a file.
 
+use std::collections::HashSet;
 use std::fmt;
+use std::mem::discriminant;
 use std::str::FromStr;
 
 use riglab_core::{Clip, Humanoid, JointId, SkinWeights, Springs};
 
-use crate::{Binding, Body, Fault, Reading};
+use crate::influences::Repairs;
+use crate::reading::Posed;
+use crate::{Binding, Body, Fault, Reading, Warning};
 
 /// Which of the characters of a file is read. What belongs together is told by
 /// [`crate::ReadJoint::skeleton`].
@@ -69,6 +73,7 @@ impl Reading {
                 })
             })
             .collect();
+        let several = self.skeletons() > 1;
         let stays = |joint: JointId| number[joint.index()].map(JointId);
         self.joints.retain(|j| j.skeleton == skeleton);
         for joint in &mut self.joints {
@@ -76,6 +81,9 @@ impl Reading {
             joint.parent = joint.parent.and_then(|p| number[p]).map(usize::from);
         }
         self.keep_sets(&number)?;
+        if several {
+            self.keep_warnings(skeleton, &number);
+        }
         self.body = Body {
             vrm: self.body.vrm,
             humanoid: humanoid(&self.body.humanoid, stays),
@@ -83,6 +91,48 @@ impl Reading {
         };
         self.clips = self.clips.iter().map(|clip| of_joints(clip, &number)).collect::<Result<_, _>>()?;
         Ok(())
+    }
+
+    /// Leaves what warnings say of the skeleton that is left, one of several; what is said of no part of it is said of none.
+    fn keep_warnings(&mut self, skeleton: usize, number: &[Option<u16>]) {
+        let told = std::mem::take(&mut self.told);
+        let skins: Vec<_> = told.skins.iter().filter(|skin| skin.skeleton == skeleton).collect();
+        let held = |joint: Option<u16>| joint.is_some_and(|joint| number[usize::from(joint)].is_some());
+        let left_out: HashSet<usize> =
+            told.left_out.iter().filter(|(_, joint)| held(*joint)).map(|(node, _)| *node).collect();
+        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
+        let mut repairs = Repairs::default();
+        self.vertex_sets.iter().for_each(|set| repairs.add(&set.repairs));
+        let mut mended = Vec::new();
+        repairs.warn(&mut mended);
+        let own = |warning: Warning| match warning {
+            Warning::NegativeWeights { .. }
+            | Warning::DuplicateInfluences { .. }
+            | Warning::UnusedJointIndex { .. }
+            | Warning::NotNormalised { .. }
+            | Warning::Unweighted { .. } => {
+                mended.iter().find(|own| discriminant(*own) == discriminant(&warning)).cloned()
+            }
+            Warning::Bent { skins: all } => {
+                let numbers: HashSet<usize> = skins.iter().map(|skin| skin.number).collect();
+                let own: Vec<usize> = all.into_iter().filter(|number| numbers.contains(number)).collect();
+                (!own.is_empty()).then_some(Warning::Bent { skins: own })
+            }
+            Warning::RestIsNotBind { .. } => {
+                Posed::warning(skins.iter().filter_map(|skin| Some((skin.number, skin.posed?))))
+            }
+            Warning::RigidParts { nodes, joints } => {
+                let own = nodes.into_iter().zip(joints).filter(|(_, joint)| names.contains(joint.as_str()));
+                let (nodes, joints): (Vec<_>, Vec<_>) = own.unzip();
+                (!nodes.is_empty()).then_some(Warning::RigidParts { nodes, joints })
+            }
+            Warning::LeftOut { mut nodes } => {
+                nodes.retain(|node| left_out.contains(&node.number));
+                (!nodes.is_empty()).then_some(Warning::LeftOut { nodes })
+            }
+            other => Some(other),
+        };
+        self.warnings = std::mem::take(&mut self.warnings).into_iter().filter_map(own).collect();
     }
 
     /// Leaves the vertices that hang on joints which stay.

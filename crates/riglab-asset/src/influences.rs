@@ -23,7 +23,7 @@ pub(crate) struct Rows {
 }
 
 /// What was mended, in vertices.
-#[derive(Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Repairs {
     unweighted: usize,
     not_normalised: usize,
@@ -36,6 +36,20 @@ pub(crate) struct Repairs {
 }
 
 impl Repairs {
+    /// Of other vertices, too.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.unweighted += other.unweighted;
+        self.not_normalised += other.not_normalised;
+        self.negative += other.negative;
+        self.duplicate += other.duplicate;
+        self.unused_index += other.unused_index;
+        let both = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
+        self.sums = match (self.sums, other.sums) {
+            (Some(own), Some(others)) => Some(both(own, others)),
+            (own, others) => own.or(others),
+        };
+    }
+
     pub(crate) fn warn(&self, warnings: &mut Vec<Warning>) {
         let Self { unweighted, not_normalised, sums, negative, duplicate, unused_index } = *self;
         let found = [

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use tobj::{LoadError, LoadOptions};
 
 use crate::format::Reads;
+use crate::influences::Repairs;
 use crate::peers::{Assets, Source, beside_obj, open_pair};
 use crate::rigging::{Looks, SubjectNote, Unrigged, obj_model};
 use crate::wavefront::{self, Asked};
@@ -79,6 +80,7 @@ fn read(bytes: &[u8]) -> Result<Reading, Fault> {
         reading.parts.push(Part { node, primitive: 0, vertex_set: reading.vertex_sets.len(), used, triangles, stored });
         reading.vertex_sets.push(VertexSet {
             numbers: (0..count).collect(),
+            repairs: Repairs::default(),
             stored: positions.len(),
             positions,
             weights: None,

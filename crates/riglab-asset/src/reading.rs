@@ -2,6 +2,7 @@
 
 use riglab_core::{Clip, Humanoid, SkinWeights, Springs, Vec3};
 
+use crate::influences::Repairs;
 use crate::{Up, Warning};
 
 /// What was read from a file, in its own units and axes and numbered as in the file.
@@ -32,8 +33,47 @@ pub struct Reading {
     /// Meshes that the file shows with blend shapes, without which they are read; none where [`crate::ImportOptions::shaped`] asks
     /// for these and all could be applied.
     pub shaped: Vec<Shaped>,
+    /// What warnings say of skins, and of meshes that are not of the rig, one by one: whose they are, where one of several
+    /// skeletons is wanted alone.
+    pub(crate) told: Told,
     /// What was repaired or is doubtful.
     pub warnings: Vec<Warning>,
+}
+
+/// What warnings are about, by skeleton.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Told {
+    /// The skins that warnings name by their numbers.
+    pub(crate) skins: Vec<ToldSkin>,
+    pub(crate) left_out: LeftOut,
+}
+
+/// The nodes of [`Warning::LeftOut`], with the joint that each hangs on, if on any.
+pub(crate) type LeftOut = Vec<(usize, Option<u16>)>;
+
+/// A skin in warnings.
+#[derive(Clone, Debug)]
+pub(crate) struct ToldSkin {
+    pub(crate) number: usize,
+    pub(crate) skeleton: usize,
+    /// How the nodes show it where that is another pose.
+    pub(crate) posed: Option<Posed>,
+}
+
+/// What [`Warning::RestIsNotBind`] says, of one skin.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Posed {
+    pub(crate) size: f64,
+    pub(crate) off: f64,
+}
+
+impl Posed {
+    /// What is told of skins that are shown in another pose, by their numbers; none where there are none.
+    pub(crate) fn warning(skins: impl Iterator<Item = (usize, Self)>) -> Option<Warning> {
+        let (skins, posed): (Vec<usize>, Vec<Self>) = skins.unzip();
+        let size = posed.first()?.size;
+        Some(Warning::RestIsNotBind { skins, size, off: posed.iter().map(|posed| posed.off).fold(0.0, f64::max) })
+    }
 }
 
 /// A mesh that is shown with blend shapes before anything moves.
@@ -88,6 +128,8 @@ pub struct VertexSet {
     pub weights: Option<SkinWeights>,
     /// Vertices (indices into this set) that have no weight in the file.
     pub unweighted: Vec<u32>,
+    /// What was mended of their weights.
+    pub(crate) repairs: Repairs,
     /// How many vertices there are in the file, used or not.
     pub stored: usize,
     /// How they hang on the skeleton.

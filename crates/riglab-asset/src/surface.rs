@@ -2,6 +2,7 @@
 
 use riglab_core::Vec3;
 
+use crate::influences::Repairs;
 use crate::{Binding, Part, Reading, VertexSet, Warning, triangles};
 
 /// Vertices and triangles of a file. Lists other than positions are empty or as long as those.
@@ -66,6 +67,7 @@ impl Surface {
             positions: self.positions,
             weights: None,
             unweighted: Vec::new(),
+            repairs: Repairs::default(),
             stored: self.stored,
             binding: Binding::Free,
         });

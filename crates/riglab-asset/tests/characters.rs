@@ -5,7 +5,7 @@ mod common;
 use std::ops::ControlFlow;
 
 use common::{INDICES, INVERSE_BIND, JOINTS, POSITION, Tiny, WEIGHTS};
-use riglab_asset::{Character, ImportOptions, Imported, Resample, Warning, import_bytes, import_each};
+use riglab_asset::{Character, ImportOptions, Imported, NodeName, Resample, Warning, import_bytes, import_each};
 use serde_json::json;
 
 /// The tiny rig, and five units beside it another one of the same vertices, which has springs and moves.
@@ -69,6 +69,56 @@ fn one_is_read_with_all_that_is_its_own() {
     assert_eq!((second.clips[0].joints(), maps[1][3]), (2, [1.0, 1.0, 3.0]));
     assert!(!second.warnings().iter().any(|w| matches!(w, Warning::SeparateSkeletons { .. })));
     assert_eq!(second.inspect(false).joints.len(), 2);
+}
+
+/// The same, with faults of the second: a pose, weights, a sword on a joint, a mesh that is hidden there. A hat hangs on nothing.
+fn one_of_two_is_faulty() -> Tiny {
+    let rows = [[0.0f32; 4], [0.0; 4], [2.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]];
+    let bytes: Vec<u8> = rows.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    two()
+        .with_accessor(5126, "VEC4", 4, &bytes)
+        .with("/meshes/1/primitives/0/attributes/WEIGHTS_0", json!(7))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]}))
+        .with("/nodes/5/translation", json!([1, 1, 0]))
+        .with("/nodes/5/children", json!([8, 9]))
+        .with("/nodes/-", json!({"name": "hat", "mesh": 2}))
+        .with("/nodes/-", json!({"name": "sword", "mesh": 2}))
+        .with("/nodes/-", json!({"name": "hidden", "mesh": 2, "scale": [0, 0, 0]}))
+}
+
+#[test]
+fn of_faults_each_is_told_its_own() {
+    let bytes = one_of_two_is_faulty().glb();
+    let read = |name: &str, bytes: &[u8], number: usize| {
+        let character = Some(Character::Number(number));
+        import_bytes(name, bytes, &ImportOptions { character, ..ImportOptions::default() }).unwrap()
+    };
+    let first = read("two.glb", &bytes, 0);
+    assert_eq!((first.warnings(), &first.provenance.notes[..]), (&[][..], &[][..]));
+    let second = read("two.glb", &bytes, 1);
+    let node = |number: usize, name: &str| vec![NodeName { number, name: name.into() }];
+    let [Warning::RestIsNotBind { skins, .. }, others @ ..] = second.warnings() else {
+        panic!("{:?}", second.warnings())
+    };
+    assert_eq!(skins, &[1]);
+    assert_eq!(
+        others,
+        [
+            Warning::NotNormalised { vertices: 1, sums: (2.0, 2.0) },
+            Warning::Unweighted { vertices: 2 },
+            Warning::RigidParts { nodes: node(8, "sword"), joints: vec!["top".into()] },
+            Warning::LeftOut { nodes: node(9, "hidden") },
+        ]
+    );
+    #[cfg(feature = "fbx")]
+    {
+        let fbx = riglab_asset::glb_to_fbx(&bytes).unwrap().bytes;
+        assert_eq!(read("two.fbx", &fbx, 0).warnings(), []);
+        let told = read("two.fbx", &fbx, 1);
+        let has = |wanted: fn(&Warning) -> bool| told.warnings().iter().any(wanted);
+        assert!(has(|w| matches!(w, Warning::RestIsNotBind { .. })), "{:?}", told.warnings());
+        assert!(has(|w| matches!(w, Warning::RigidParts { .. })), "{:?}", told.warnings());
+    }
 }
 
 #[test]

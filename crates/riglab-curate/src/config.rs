@@ -50,7 +50,7 @@ pub struct ImportConfig {
     /// Loose roots become children of the largest tree's root (`false`), or all roots become children
     /// of a new one (`true`).
     pub virtual_root: bool,
-    /// Each of several characters in a file is an asset of its own.
+    /// Each of several characters in a file is an asset of its own, judged by itself; a mesh that hangs on no joint is of none.
     pub split_characters: bool,
     /// Repair what takes a guess, as `riglab dataset import --repair`.
     pub repair: bool,

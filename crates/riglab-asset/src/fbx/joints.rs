@@ -4,6 +4,8 @@
 //! a mesh without skin; also the limb nodes above them, which some writers give no cluster when they move no
 //! vertex. Limb nodes below the last of these are ends of the writer's making, and are left out.
 
+use std::collections::HashSet;
+
 use glam::{DAffine3, DVec3};
 use riglab_core::RigError;
 use ufbx::{Mesh, Scene};
@@ -12,6 +14,7 @@ use super::scene::{Nodes, affine, number};
 use super::shown;
 use crate::maps::{FLAT, Likeness, corners, is_flat};
 use crate::names::Names;
+use crate::reading::{Posed, ToldSkin};
 use crate::{Fault, ReadJoint, Warning, skeletons};
 
 /// The joints of a file.
@@ -25,10 +28,17 @@ pub(super) struct Joints {
     frames: Vec<Option<DAffine3>>,
     /// By mesh, where it has a skin.
     skins: Vec<Option<Skin>>,
+    /// The skins that the file shows in another pose.
+    posed: Vec<usize>,
 }
+
+/// What is told of them: ufbx gives both poses in the same size.
+const SHOWN: Posed = Posed { size: 1.0, off: 0.0 };
 
 /// What binds a mesh.
 pub(super) struct Skin {
+    /// Its number in warnings: that of its first deformer.
+    deformer: usize,
     /// The joint of each cluster, the skin deformers of the mesh one after the other.
     pub(super) joints: Vec<u16>,
     /// From the mesh to the file's world when bound.
@@ -49,17 +59,14 @@ impl Joints {
         let (mut bent, mut posed) = (Vec::new(), Vec::new());
         for (mesh, skin) in (&scene.meshes).into_iter().zip(&mut skins) {
             let Some(skin) = skin else { continue };
-            let deformer = mesh.skin_deformers.first().map_or(0, |s| s.element.typed_id as usize);
             let Placed { bends, stands_elsewhere } = skin.place(mesh, nodes, &mut frames)?;
-            bent.extend(bends.then_some(deformer));
-            posed.extend(stands_elsewhere.then_some(deformer));
+            bent.extend(bends.then_some(skin.deformer));
+            posed.extend(stands_elsewhere.then_some(skin.deformer));
         }
         if !bent.is_empty() {
             warnings.push(Warning::Bent { skins: bent });
         }
-        if !posed.is_empty() {
-            warnings.push(Warning::RestIsNotBind { skins: posed, size: 1.0, off: 0.0 });
-        }
+        warnings.extend(Posed::warning(posed.iter().map(|&skin| (skin, SHOWN))));
 
         let is_joint = joint_nodes(nodes, &skins);
         let joints: Vec<usize> = nodes.order.iter().copied().filter(|&n| is_joint[n]).collect();
@@ -71,7 +78,7 @@ impl Joints {
             skin.joints = skin.clusters.iter().filter_map(|(node, _)| number[*node]).collect();
         }
         let parents = parents(nodes, &joints, &number);
-        let mut all = Self { nodes: joints, number, parents, frames, skins };
+        let mut all = Self { nodes: joints, number, parents, frames, skins, posed };
         all.complete_frames(nodes);
         Ok(all)
     }
@@ -159,6 +166,17 @@ impl Joints {
         Ok(joints)
     }
 
+    /// What warnings say of each skin, and whose it is.
+    pub(super) fn told(&self, joints: &[ReadJoint]) -> Vec<ToldSkin> {
+        let shown: HashSet<usize> = self.posed.iter().copied().collect();
+        let one = |skin: &Skin| {
+            let skeleton = joints[usize::from(*skin.joints.first()?)].skeleton;
+            let posed = shown.contains(&skin.deformer).then_some(SHOWN);
+            Some(ToldSkin { number: skin.deformer, skeleton, posed })
+        };
+        self.skins.iter().flatten().filter_map(one).collect()
+    }
+
     fn frame(&self, node: usize) -> DAffine3 {
         self.frames[node].unwrap_or(DAffine3::IDENTITY)
     }
@@ -209,7 +227,8 @@ impl Skin {
             clusters.push((node, affine(&cluster.geometry_to_bone)));
         }
         let highest = (0..clusters.len()).min_by_key(|&c| nodes.rank(clusters[c].0))?;
-        Some(Self { joints: Vec::new(), map: DAffine3::IDENTITY, highest, clusters })
+        let deformer = mesh.skin_deformers.first().map_or(0, |s| s.element.typed_id as usize);
+        Some(Self { deformer, joints: Vec::new(), map: DAffine3::IDENTITY, highest, clusters })
     }
 
     /// Finds the one map by which all clusters take the mesh to the world.

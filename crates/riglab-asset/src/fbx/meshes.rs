@@ -12,6 +12,7 @@ use super::shown;
 use crate::budget::{Budget, PART, RIGID_ROW, TRIANGLE, USED, VERTEX, row};
 use crate::influences::{Repairs, Rows};
 use crate::maps::{FLAT, is_flat};
+use crate::reading::LeftOut;
 use crate::triangles::{self, Dropped};
 use crate::{Binding, Fault, Part, Place, ReadJoint, VertexSet, Warning};
 
@@ -30,18 +31,19 @@ pub(super) enum Hold<'a> {
     None,
 }
 
-/// The meshes of all nodes, by node.
+/// The meshes of all nodes, by node, and the nodes of those that are not of the rig.
 pub(super) fn read(
     nodes: &Nodes<'_>,
     joints: &Joints,
     read_joints: &[ReadJoint],
     budget: &Budget,
     warnings: &mut Vec<Warning>,
-) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
+) -> Result<(Vec<VertexSet>, Vec<Part>, LeftOut), Fault> {
     let (mut sets, mut parts) = (Vec::new(), Vec::new());
     let mut repairs = Repairs::default();
     let mut dropped = Dropped::default();
     let (mut rigid, mut left_out, mut without_surface) = (Vec::new(), Vec::new(), 0);
+    let mut told = Vec::new();
     let mut copies = nodes.copies();
     for (number, node) in nodes.all.iter().enumerate() {
         let Some(mesh) = node.mesh.as_deref() else { continue };
@@ -65,9 +67,11 @@ pub(super) fn read(
         let now = triangles::keep_proper(&mut triangles, used.len());
         dropped.collapsed += now.collapsed;
         dropped.repeated += now.repeated;
+        let mut own_repairs = Repairs::default();
         let (map, weights, unweighted, binding) = match hold {
             Hold::None => {
                 left_out.push(number);
+                told.push((number, joints.at_or_above(nodes, number)));
                 continue;
             }
             Hold::Free(map) => (map, None, Vec::new(), Binding::Free),
@@ -77,10 +81,11 @@ pub(super) fn read(
                 (map, Some(weights), Vec::new(), Binding::Rigid)
             }
             Hold::Skin(skin) => {
-                let (weights, unweighted) = rows(mesh, skin, &used, &mut repairs)?.into_weights(|joint| joint)?;
+                let (weights, unweighted) = rows(mesh, skin, &used, &mut own_repairs)?.into_weights(|joint| joint)?;
                 (skin.map, Some(weights), unweighted, Binding::Skinned)
             }
         };
+        repairs.add(&own_repairs);
         let map = nodes.space * map;
         if map.matrix3.determinant() < 0.0 {
             triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -99,6 +104,7 @@ pub(super) fn read(
             numbers: used,
             weights,
             unweighted,
+            repairs: own_repairs,
             stored: mesh.vertices.len(),
             binding,
         });
@@ -118,7 +124,7 @@ pub(super) fn read(
     if !left_out.is_empty() {
         warnings.push(Warning::LeftOut { nodes: nodes.named(left_out) });
     }
-    Ok((sets, parts))
+    Ok((sets, parts, told))
 }
 
 pub(super) fn hold<'a>(nodes: &Nodes<'_>, joints: &'a Joints, node: usize, mesh: &Mesh) -> Hold<'a> {

@@ -29,6 +29,7 @@ mod shapes;
 use ufbx::{AllocatorOpts, ErrorType, FileFormat, IndexErrorHandling, LoadOpts, SceneRoot};
 
 use crate::budget::Budget;
+use crate::reading::Told;
 use crate::{Fault, Reading, Resample};
 pub use document::{FbxFault, FbxFile, FbxLeft, glb_to_fbx};
 use joints::Joints;
@@ -47,12 +48,14 @@ pub(crate) fn read(bytes: &[u8], motions: Option<Resample>) -> Result<Reading, F
     let mut warnings = Vec::new();
     let joints = Joints::read(&scene, &nodes, &mut warnings)?;
     let read_joints = joints.reading(&nodes, &mut warnings)?;
-    let (vertex_sets, parts) = meshes::read(&nodes, &joints, &read_joints, &Budget::new(bytes.len()), &mut warnings)?;
+    let (vertex_sets, parts, left_out) =
+        meshes::read(&nodes, &joints, &read_joints, &Budget::new(bytes.len()), &mut warnings)?;
     let origin = joints.origin(&nodes).as_vec3();
     let origin = if origin.is_finite() { origin.into() } else { [0.0; 3] };
     let clips = motions.map(|resample| clips::read(&scene, &nodes, &joints, resample, memory(bytes), &mut warnings));
     let clips = clips.unwrap_or_default();
-    Ok(Reading { joints: read_joints, vertex_sets, parts, origin, clips, warnings, ..Reading::default() })
+    let told = Told { skins: joints.told(&read_joints), left_out };
+    Ok(Reading { joints: read_joints, vertex_sets, parts, origin, clips, told, warnings, ..Reading::default() })
 }
 
 /// What of a file is wanted beside meshes and nodes.

@@ -28,6 +28,7 @@ use super::primitives::Sources;
 use super::skins::{Skin, Skins};
 use crate::Warning;
 use crate::maps::{FLAT, Likeness, SAME, SkinBox, corners, is_flat};
+use crate::reading::Posed;
 
 /// Where joints and vertices are at rest.
 pub(super) struct Binds {
@@ -37,6 +38,8 @@ pub(super) struct Binds {
     frames: Vec<Option<DAffine3>>,
     origin: DVec3,
     shown_off: DVec3,
+    /// How the nodes show each skin, where that is another pose.
+    posed: Vec<Option<Posed>>,
 }
 
 impl Binds {
@@ -56,7 +59,7 @@ impl Binds {
         let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
 
         let (maps, bent) = straighten(nodes, skins, &boxes, &mut frames);
-        let (mut posed, mut size, mut off) = (Vec::new(), 1.0, 0.0f64);
+        let mut posed = vec![None; skins.len()];
         // What the first skin says of that; whether all say the same.
         let (mut shown_off, mut agreed) = (None, true);
         for (number, skin) in skins.iter().enumerate() {
@@ -79,26 +82,19 @@ impl Binds {
                 let first = *shown_off.get_or_insert(if like.same(&by(shift), &top) { DVec3::ZERO } else { shift });
                 agreed &= like.same(&by(first), &by(shift));
             } else {
-                let larger = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
-                if posed.is_empty() {
-                    size = larger;
-                }
+                let size = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
+                let off = skin.joints.iter().map(|&joint| apart(nodes, &frames, joint, &like)).fold(0.0, f64::max);
                 // Of what is shown in another size all is elsewhere.
-                if larger == 1.0 {
-                    off = skin.joints.iter().map(|&joint| apart(nodes, &frames, joint, &like)).fold(off, f64::max);
-                }
-                posed.push(number);
+                posed[number] = Some(Posed { size, off: if size == 1.0 { off } else { 0.0 } });
             }
         }
-        let alike = agreed && bent.is_empty() && posed.is_empty();
+        let alike = agreed && bent.is_empty() && posed.iter().all(Option::is_none);
         let shown_off = shown_off.filter(|_| alike).unwrap_or(DVec3::ZERO);
         if !bent.is_empty() {
             warnings.push(Warning::Bent { skins: bent });
         }
-        if !posed.is_empty() {
-            warnings.push(Warning::RestIsNotBind { skins: posed, size, off });
-        }
-        Self { maps, frames, origin, shown_off }
+        warnings.extend(Posed::warning((0..).zip(&posed).filter_map(|(skin, posed)| Some((skin, (*posed)?)))));
+        Self { maps, frames, origin, shown_off, posed }
     }
 
     /// From mesh space to the scene, by slot of a skin.
@@ -133,6 +129,11 @@ impl Binds {
     /// Where the deepest node above all joints is at rest.
     pub(super) fn origin(&self) -> DVec3 {
         self.origin
+    }
+
+    /// How the nodes show a skin, where that is another pose than the one it was bound in.
+    pub(super) fn posed(&self, skin: usize) -> Option<Posed> {
+        self.posed[skin]
     }
 
     /// How far the nodes show all skins from where they are at rest, if that is the same for all and the pose is, too.

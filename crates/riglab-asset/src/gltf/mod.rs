@@ -39,7 +39,8 @@ use std::path::{Path, PathBuf};
 use crate::budget::Budget;
 use crate::format::Reads;
 use crate::marked::unmarked;
-use crate::{Fault, ImportOptions, Reading, Rights, Warning};
+use crate::reading::{Told, ToldSkin};
+use crate::{Fault, ImportOptions, ReadJoint, Reading, Rights, Warning};
 use accessor::Accessors;
 use bind::Binds;
 use buffers::Buffers;
@@ -124,7 +125,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
         true => Apart { colliders: colliders::colliders(&document), unseen: unseen::unseen(&document) },
         false => Apart::default(),
     };
-    let (vertex_sets, parts) = scene.place(sources, &joints, &apart, &mut warnings)?;
+    let (vertex_sets, parts, left_out) = scene.place(sources, &joints, &apart, &mut warnings)?;
     let body = vrm::read(&document, &scene, &mut warnings);
     let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
     let clips = clips.unwrap_or_default();
@@ -132,6 +133,7 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     let shown_off = binds.shown_off().as_vec3();
     let shown_off = if shown_off.is_finite() { shown_off.into() } else { [0.0; 3] };
     let faces_back = vrm::faces_back(&document);
+    let told = Told { skins: told(&skins, &binds, &joints), left_out };
     Ok((
         Reading {
             joints,
@@ -143,11 +145,21 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
             shown_off,
             faces_back,
             shaped: if whole { Vec::new() } else { shaped::shaped(&document) },
+            told,
             warnings,
             ..Reading::default()
         },
         rights::read(&document),
     ))
+}
+
+/// What warnings say of each skin, and whose it is.
+fn told(skins: &Skins, binds: &Binds, joints: &[ReadJoint]) -> Vec<ToldSkin> {
+    let one = |(number, skin): (usize, &skins::Skin)| {
+        let skeleton = joints[usize::from(*skin.numbers.first()?)].skeleton;
+        Some(ToldSkin { number, skeleton, posed: binds.posed(number) })
+    };
+    skins.iter().enumerate().filter_map(one).collect()
 }
 
 /// The JSON of a file and the bytes that come with it.

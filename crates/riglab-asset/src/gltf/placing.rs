@@ -13,6 +13,7 @@ use super::primitives::{SourceSet, Sources};
 use super::skins::Skins;
 use crate::influences::Repairs;
 use crate::maps::{FLAT, is_flat, is_mirrored};
+use crate::reading::LeftOut;
 use crate::{Binding, Fault, Part, ReadJoint, VertexSet, Warning};
 
 /// All that is needed to place vertices.
@@ -43,14 +44,14 @@ pub(super) struct Apart {
 impl Scene<'_, '_> {
     /// Places what hangs on the skeleton, or everything but what stands `apart` where there is none. The triangles of
     /// meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0):
-    /// of skinned ones too, whose nodes move nothing else.
+    /// of skinned ones too, whose nodes move nothing else. What is not of the rig is given by its nodes.
     pub(super) fn place(
         &self,
         sources: Sources,
         joints: &[ReadJoint],
         apart: &Apart,
         warnings: &mut Vec<Warning>,
-    ) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
+    ) -> Result<(Vec<VertexSet>, Vec<Part>, LeftOut), Fault> {
         let Sources { sets: sources, parts: stored, without_surface, bare } = sources;
         let mut sets = Vec::with_capacity(sources.len());
         // The new number of each set that stays.
@@ -68,7 +69,11 @@ impl Scene<'_, '_> {
             let size = 16 + 4 * 16 * source.influences().len();
             self.accessors.budget().piece(source.numbers.len(), size)?;
             let (set, turned) = match source.skin {
-                Some(skin) => (self.skinned(source, skin, &mut repairs)?, is_mirrored(self.nodes.global(node))),
+                Some(skin) => {
+                    let set = self.skinned(source, skin)?;
+                    repairs.add(&set.repairs);
+                    (set, is_mirrored(self.nodes.global(node)))
+                }
                 None => match self.hold(node) {
                     Hold::Joint(joint, map) => {
                         rigid.push((node, joint));
@@ -118,6 +123,7 @@ impl Scene<'_, '_> {
             warnings
                 .push(Warning::RigidParts { nodes: self.nodes.named(rigid.iter().map(|&(n, _)| n)), joints: names });
         }
+        let told = left_out.iter().map(|&node| (node, self.joint_above(node))).collect();
         if !left_out.is_empty() {
             warnings.push(Warning::LeftOut { nodes: self.nodes.named(left_out) });
         }
@@ -127,11 +133,12 @@ impl Scene<'_, '_> {
         if !unseen.is_empty() {
             warnings.push(Warning::Unseen { nodes: self.nodes.named(unseen) });
         }
-        Ok((sets, parts))
+        Ok((sets, parts, told))
     }
 
-    fn skinned(&self, source: SourceSet, skin: usize, repairs: &mut Repairs) -> Result<VertexSet, Fault> {
-        let rows = influences::read(&source, skin, self.accessors, self.skins, repairs)?;
+    fn skinned(&self, source: SourceSet, skin: usize) -> Result<VertexSet, Fault> {
+        let mut repairs = Repairs::default();
+        let rows = influences::read(&source, skin, self.accessors, self.skins, &mut repairs)?;
         let maps = self.binds.maps(skin);
         let mut positions = Vec::with_capacity(source.numbers.len());
         for (at, &v) in source.numbers.iter().enumerate() {
@@ -149,6 +156,7 @@ impl Scene<'_, '_> {
             positions,
             weights: Some(weights),
             unweighted,
+            repairs,
             stored: source.positions.len(),
             binding: Binding::Skinned,
         })
@@ -180,9 +188,16 @@ impl Scene<'_, '_> {
             positions,
             weights,
             unweighted: Vec::new(),
+            repairs: Repairs::default(),
             stored: source.positions.len(),
             binding,
         })
+    }
+
+    /// The nearest joint at or above a node.
+    fn joint_above(&self, node: usize) -> Option<u16> {
+        let up = std::iter::successors(Some(node), |&at| Some(self.nodes.parent(at)));
+        up.take_while(|&at| at != self.nodes.top()).find_map(|at| self.skins.joint_of_node(at))
     }
 
     /// Where the mesh of a node belongs: to the nearest joint at or above it.

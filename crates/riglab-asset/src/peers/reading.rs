@@ -6,6 +6,7 @@ use super::array_rig::{ArrayRig, SparseRows};
 use super::doubts;
 use super::fault::PeerFault;
 use super::fields;
+use crate::influences::Repairs;
 use crate::names::Names;
 use crate::{Binding, Fault, Part, ReadJoint, Reading, VertexSet, Warning, triangles};
 
@@ -49,6 +50,7 @@ pub(crate) fn reading(rig: &ArrayRig) -> Result<Reading, Fault> {
         binding: if weights.is_some() { Binding::Skinned } else { Binding::Free },
         weights,
         unweighted,
+        repairs: Repairs::default(),
         stored: rig.vertices.len(),
     };
     let part = Part { node: 0, primitive: 0, vertex_set: 0, used, triangles: faces, stored: rig.faces.len() };
