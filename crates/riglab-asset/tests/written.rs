@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use riglab_asset::{Array, Filling, ImportOptions, Target, import, import_each, read_arrays, write, written_paths};
-use riglab_core::{Asset, Bounds, Joint, JointId, Rig, Similarity, Skeleton};
+use riglab_core::{Asset, Bounds, Joint, JointId, Mesh, Provenance, Rig, Similarity, Skeleton, SkinWeights};
 
 /// All rigs of the golden samples, one of each name.
 fn rigs() -> Option<Vec<Asset>> {
@@ -32,6 +32,29 @@ fn rigs() -> Option<Vec<Asset>> {
         });
     }
     Some(out)
+}
+
+#[test]
+fn weights_of_each_joint_for_each_vertex_have_a_bound() {
+    const JOINTS: u16 = 4096;
+    const VERTICES: usize = 65_537;
+    let joints = (0..JOINTS).map(|j| Joint {
+        name: format!("j{j}"),
+        parent: j.checked_sub(1).map(|_| JointId(0)),
+        head: [f32::from(j), 0.0, 0.0],
+    });
+    let positions = (0..VERTICES).map(|v| [v as f32, (v % 7) as f32, (v % 5) as f32]).collect();
+    let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).unwrap();
+    let weights = SkinWeights::normalized((0..VERTICES).map(|_| [(0, 1.0)])).unwrap();
+    let rig = Rig::new(Skeleton::new(joints.collect()).unwrap(), mesh, weights).unwrap();
+    let asset = Asset { name: "vast".into(), rig, clips: Vec::new(), provenance: Provenance::default() };
+    let dir = tempfile::tempdir().unwrap();
+    for target in [Target::UNIRIG, Target::SKINTOKENS, Target::PUPPETEER_H5] {
+        let path = dir.path().join(format!("vast{}", target.suffix()));
+        let said = write(std::slice::from_ref(&asset), &path, target).unwrap_err().to_string();
+        assert!(said.starts_with(&format!("`vast` cannot be written as {target}: 65537 vertices")), "{said}");
+        assert!(!path.exists() && target.holds(&asset).is_err());
+    }
 }
 
 /// Compares up to `weights` in each weight; names where the format has them.

@@ -96,6 +96,7 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
         return filling.end();
     }
     let [asset] = assets else { return Err(WriteError::One { format: target, count: assets.len() }) };
+    target.holds(asset)?;
     let mut reach = target::Reach::default();
     reach.add(target, &asset.rig);
     let mut notes: Vec<String> = target.beyond(&reach).into_iter().collect();

@@ -66,6 +66,24 @@ impl Npz {
         self.array(name, "<f4", shape, &f32s(data));
     }
 
+    /// The weights as a dense matrix [vertices, joints], a row at a time.
+    pub(super) fn weights(&mut self, name: &str, rig: &Rig) {
+        let (vertices, joints) = (rig.weights().rows(), rig.skeleton().len());
+        let mut row = vec![0.0f32; joints];
+        let member = format!("{name}.npy");
+        let mut write = || -> io::Result<()> {
+            let member = self.begin(&member)?;
+            member.write_all(&head("<f4", &[vertices, joints]))?;
+            (0..vertices).try_for_each(|vertex| {
+                dense_row(rig, vertex, &mut row);
+                member.write_all(&f32s(&row))
+            })
+        };
+        let written = write();
+        // Into memory: there is nothing that could refuse.
+        debug_assert!(written.is_ok(), "{name}");
+    }
+
     pub(super) fn points(&mut self, name: &str, points: &[Vec3]) {
         self.floats(name, &[points.len(), 3], points.as_flattened());
     }
@@ -149,14 +167,21 @@ pub(super) fn turned(up: Up, points: &[Vec3]) -> Vec<Vec3> {
     points.iter().map(|p| up.from_y(*p)).collect()
 }
 
-/// The weights as a dense matrix [vertices, joints].
-pub(super) fn dense(rig: &Rig) -> Vec<f32> {
-    let joints = rig.skeleton().len();
-    let mut out = vec![0.0; rig.weights().rows() * joints];
-    for (vertex, row) in out.chunks_exact_mut(joints).enumerate() {
-        for (joint, weight) in rig.weights().row(vertex) {
-            row[joint.index()] = weight;
-        }
+/// Numbers of a matrix of weights that is still written: a gigabyte of floats.
+const MOST_WEIGHTS: usize = 1 << 28;
+
+/// Why no matrix of a weight of each joint for each vertex is written of a rig, where that is too much.
+pub(super) fn too_many_weights(rig: &Rig) -> Option<String> {
+    let (vertices, joints) = (rig.weights().rows(), rig.skeleton().len());
+    let why = "the format has a weight of each joint for each vertex, so";
+    (vertices.saturating_mul(joints) > MOST_WEIGHTS)
+        .then(|| format!("{vertices} vertices and {joints} joints; {why} their product may be {MOST_WEIGHTS} at most"))
+}
+
+/// The weights of a vertex as a row of a dense matrix [vertices, joints].
+pub(super) fn dense_row<T: Copy + From<f32>>(rig: &Rig, vertex: usize, row: &mut [T]) {
+    row.fill(0.0.into());
+    for (joint, weight) in rig.weights().row(vertex) {
+        row[joint.index()] = weight.into();
     }
-    out
 }

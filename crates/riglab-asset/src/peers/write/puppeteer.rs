@@ -9,14 +9,14 @@ use riglab_core::{Asset, Rig, Skeleton};
 
 use super::articulation::{REACH, cloud};
 use super::filling::{Begin, Fault, Fills};
-use super::npz::{corners, dense, f16s};
+use super::npz::{corners, dense_row, f16s, too_many_weights};
 use super::target::Writes;
 use crate::maker::{MAKER, is_maker};
 
 /// Joints the peer's own networks take.
 const JOINTS: usize = 70;
 
-/// Joints whose table of steps between each two, and whose dense weights, are still written.
+/// Joints whose table of steps between each two is still written.
 const MOST_JOINTS: usize = 4096;
 
 /// The attribute that says who wrote a file.
@@ -41,7 +41,8 @@ impl Writes for PuppeteerH5 {
     fn lacks(&self, rig: &Rig) -> Option<String> {
         let joints = rig.skeleton().len();
         let why = "the format has a table of each with each, so";
-        (joints > MOST_JOINTS).then(|| format!("{joints} joints; {why} {MOST_JOINTS} is the most"))
+        let too_many = (joints > MOST_JOINTS).then(|| format!("{joints} joints; {why} {MOST_JOINTS} is the most"));
+        too_many.or_else(|| too_many_weights(rig))
     }
 
     fn half_cube(&self) -> Option<f32> {
@@ -106,15 +107,18 @@ fn sample(asset: &Asset, group: &mut GroupBuilder) {
     let bones: Vec<i64> =
         skeleton.ids().filter_map(|j| Some([skeleton.parent(j)?.0.into(), i64::from(j.0)])).flatten().collect();
     let edges = edges(rig);
-    let mut floats = |name: &str, rows: usize, columns: usize, all: &[f32]| {
-        let data = group.create_dataset(name).with_f64_data(&doubles(all)).with_shape(&[rows as u64, columns as u64]);
+    let mut skin = vec![0.0f64; vertices * joints];
+    skin.chunks_exact_mut(joints).enumerate().for_each(|(vertex, row)| dense_row(rig, vertex, row));
+    let mut floats = |name: &str, rows: usize, columns: usize, all: &[f64]| {
+        let data = group.create_dataset(name).with_f64_data(all).with_shape(&[rows as u64, columns as u64]);
         if rows > 0 {
             data.with_chunks(&[rows_at_once(rows, columns), columns as u64]).with_deflate(4);
         }
     };
-    floats("vertices", vertices, 3, mesh.positions().as_flattened());
-    floats("joints", joints, 3, skeleton.heads().as_flattened());
-    floats("skin", vertices, joints, &dense(rig));
+    floats("vertices", vertices, 3, &doubles(mesh.positions().as_flattened()));
+    floats("joints", joints, 3, &doubles(skeleton.heads().as_flattened()));
+    floats("skin", vertices, joints, &skin);
+    drop(skin);
     let mut ints = |name: &str, columns: usize, all: &[i64]| {
         let rows = all.len() / columns;
         let data = group.create_dataset(name).with_i64_data(all).with_shape(&[rows as u64, columns as u64]);

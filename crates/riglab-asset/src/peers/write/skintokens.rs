@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use riglab_core::Asset;
+use riglab_core::{Asset, Rig};
 
 use super::super::array_rig::Up;
-use super::npz::{self, Npz, corners, dense, turned};
+use super::npz::{self, Npz, corners, turned};
 use super::target::{Writes, Written};
 use super::{WriteError, tails};
 
@@ -24,6 +24,10 @@ impl Writes for SkinTokens {
     /// Others are npz, too.
     fn is_told_by(&self, _: &str) -> bool {
         false
+    }
+
+    fn lacks(&self, rig: &Rig) -> Option<String> {
+        npz::too_many_weights(rig)
     }
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
@@ -57,6 +61,6 @@ fn file(asset: &Asset) -> Vec<u8> {
     npz.floats("matrix_world", &[4, 4], &glam::Mat4::IDENTITY.to_cols_array());
     npz.floats("matrix_local", &[joints, 4, 4], &rest);
     npz.texts("armature_name", &[], &["Armature".to_owned()]);
-    npz.floats("skin", &[mesh.positions().len(), joints], &dense(rig));
+    npz.weights("skin", rig);
     npz.end()
 }

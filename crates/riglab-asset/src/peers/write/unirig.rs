@@ -5,7 +5,7 @@ use std::path::Path;
 use riglab_core::{Asset, Mesh, Rig, Vec3};
 
 use super::super::array_rig::Up;
-use super::npz::{self, Npz, corners, dense, turned};
+use super::npz::{self, Npz, corners, turned};
 use super::target::{Writes, Written};
 use super::{WriteError, tails};
 
@@ -24,6 +24,10 @@ impl Writes for UniRig {
     /// Others are npz, too.
     fn is_told_by(&self, name: &str) -> bool {
         name == "raw_data.npz"
+    }
+
+    fn lacks(&self, rig: &Rig) -> Option<String> {
+        npz::too_many_weights(rig)
     }
 
     fn is_at(&self, _: &Path, start: &[u8]) -> bool {
@@ -51,7 +55,7 @@ fn file(rig: &Rig) -> Vec<u8> {
     npz.ints("faces", &[mesh.triangles().len(), 3], corners(rig));
     npz.points("face_normals", &turned(Up::Z, &face_normals(mesh)));
     npz.points("joints", &heads);
-    npz.floats("skin", &[mesh.positions().len(), joints], &dense(rig));
+    npz.weights("skin", rig);
     npz.objects("parents", &[joints], |out| {
         for parent in skeleton.parents() {
             match parent {
