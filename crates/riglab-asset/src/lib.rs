@@ -145,6 +145,8 @@ pub struct Imported {
     pub provenance: Provenance,
     /// What was read, before it became one tree.
     pub reading: Reading,
+    /// Whether it is one of several characters of the file, as [`ImportOptions::split`] asks for; `name` ends with its root's then.
+    pub parted: bool,
 }
 
 /// What came out of a file.
@@ -295,8 +297,11 @@ fn each_character(
     drop(whole);
     for (number, root) in roots.iter().enumerate() {
         let options = ImportOptions { character: Some(Character::Number(number)), ..options.clone() };
-        let one = import_from(path, bytes, folder, &options)
-            .map(|imported| Imported { name: format!("{}-{root}", imported.name), ..imported });
+        let one = import_from(path, bytes, folder, &options).map(|imported| Imported {
+            name: format!("{}-{root}", imported.name),
+            parted: true,
+            ..imported
+        });
         if each(one).is_break() {
             return;
         }
@@ -477,7 +482,7 @@ fn import_from(
         category: String::new(),
     };
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(Imported { name, content, clips, provenance, reading })
+    Ok(Imported { name, content, clips, provenance, reading, parted: false })
 }
 
 /// What a file says of its rights; empty where it says nothing.

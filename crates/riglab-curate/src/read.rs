@@ -180,12 +180,11 @@ impl Folder {
                 return;
             }
         };
-        let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         import_each(file, &self.options, |imported| {
             let given = each(match imported {
                 Ok(imported) => {
-                    let parted = several || (self.options.split && imported.name != stem);
-                    let name = if parted { format!("{own}#{}", imported.name) } else { own.clone() };
+                    let name =
+                        if several || imported.parted { format!("{own}#{}", imported.name) } else { own.clone() };
                     self.read(imported, &name, &own, file)
                 }
                 Err(e) => ReadOutcome::Refused(own.clone(), self.sentence(&e.to_string())),

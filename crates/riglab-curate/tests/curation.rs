@@ -260,6 +260,21 @@ fn the_copy_whose_category_is_wanted_stays() {
 }
 
 #[test]
+fn a_file_of_one_asset_gives_its_name_where_characters_are_split() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(2);
+    std::fs::create_dir(dir.path().join("asset1")).unwrap();
+    riglab_asset::write(&all[..1], dir.path().join("fox_rig.txt"), riglab_asset::Target::RIGNET).unwrap();
+    riglab_asset::write(&all[1..], dir.path().join("asset1/raw_data.npz"), riglab_asset::Target::UNIRIG).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.import.split_characters = true;
+    run(dir.path(), out.path(), &config).unwrap();
+    let corpus = Corpus::open(&out.path().join("corpus.h5")).unwrap();
+    assert_eq!(corpus.names().unwrap().to_vec(), ["asset1/raw_data.npz", "fox_rig.txt"]);
+}
+
+#[test]
 fn copies_that_stay_are_in_one_split() {
     let dir = tempfile::tempdir().unwrap();
     let all = creatures(24);

@@ -129,7 +129,7 @@ fn import(
         notes: reading.warnings.iter().map(Warning::to_string).collect(),
         ..Provenance::default()
     };
-    Ok(Imported { name, content, clips, provenance, reading })
+    Ok(Imported { name, content, clips, provenance, reading, parted: false })
 }
 
 /// The file's name without ending; that of its folder for names that every asset of a set has.
