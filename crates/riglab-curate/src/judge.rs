@@ -6,7 +6,7 @@ use riglab_core::Asset;
 use serde_json::json;
 
 use crate::Category;
-use crate::config::CurateConfig;
+use crate::config::{CurateConfig, Labeller};
 use crate::decisions::{Decision, Decisions, Match, Verdict};
 use crate::duplicates::groups;
 use crate::record::{READ, Record};
@@ -109,7 +109,8 @@ pub(crate) fn judge_part(
     let unwanted = |i: usize| {
         let stated = records[i].facts.as_ref().and_then(|f| f.stated.parse().ok());
         let stated = stated.filter(|_| config.categories.trust_source);
-        let category = found.get(&i).and_then(|(d, _)| d.category).or(stated);
+        let rules = records[i].facts.as_ref().map(|f| f.rules).filter(|_| config.categories.by == Labeller::Rules);
+        let category = found.get(&i).and_then(|(d, _)| d.category).or(stated).or(rules);
         !config.categories.keep.is_empty() && category.is_some_and(|c: Category| !config.categories.keep.contains(&c))
     };
     let mut duplicates = Vec::new();

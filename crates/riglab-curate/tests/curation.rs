@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use common::{copy, creatures, dropped, plain, run, run_shard, write};
+use riglab_core::{Asset, Joint, Rig, Skeleton};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
 use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, listed, merge_shards};
@@ -257,6 +258,32 @@ fn the_copy_whose_category_is_wanted_stays() {
     assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "duplicates"), ["b.glb"]);
     config.categories.keep = vec![Category::Reptile];
     assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "duplicates"), ["a.glb"]);
+}
+
+#[test]
+fn the_copy_whose_category_by_rules_is_wanted_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut one = creatures(1).remove(0);
+    one.provenance.category = String::new();
+    let skeleton = one.rig.skeleton();
+    let joints = skeleton.ids().map(|j| Joint {
+        name: format!("CHICKEN_{}", j.0),
+        parent: skeleton.parent(j),
+        head: skeleton.head(j),
+    });
+    let rig = Rig::new(Skeleton::new(joints.collect()).unwrap(), one.rig.mesh().clone(), one.rig.weights().clone());
+    write(dir.path(), &[Asset { rig: rig.unwrap(), name: "a".into(), ..one.clone() }, copy(&one, "b")]);
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "duplicates"), ["b.glb"]);
+    let lines = std::fs::read_to_string(Places::of(&out.path().join("corpus.h5")).assets()).unwrap();
+    let rules =
+        |line: &str| serde_json::from_str::<serde_json::Value>(line).unwrap()["rules"].as_str().unwrap().to_owned();
+    let rules: Vec<String> = lines.lines().map(rules).collect();
+    assert_ne!(rules[0], rules[1]);
+    config.categories.keep = vec![rules[1].parse().unwrap()];
+    let funnel = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!((dropped(&funnel, "duplicates"), funnel.kept), (vec!["a.glb"], 1));
 }
 
 #[test]
