@@ -68,7 +68,8 @@ pub struct RepairConfig {
     pub control_bones: bool,
     /// Leave out end joints too: branches without weight that hang on a joint with weight.
     pub end_bones: bool,
-    /// Fold joints that stand where their parent stands into it, with their weights and children.
+    /// Fold joints that stand where their parent stands into it, with their weights and children, unless motions that are kept
+    /// (`import.clips`) move them otherwise than their parent.
     pub zero_length: bool,
     /// Two joints stand in one place if they are no farther apart than this share of the box's diagonal.
     pub zero_length_share: f32,

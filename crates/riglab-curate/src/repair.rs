@@ -2,10 +2,10 @@
 //!
 //! What makes a file no rig at all is mended or refused where files are read: weights that do not sum to 1,
 //! negative weights, joints named twice in a vertex, vertices without weight, loose roots. What is left to
-//! do here are joints: control and IK bones without weight, and bones of length zero. Each repair is a
-//! sentence in the asset's notes.
+//! do here are joints: control and IK bones without weight, and bones of length zero, unless motions that
+//! are kept tell their two joints apart. Each repair is a sentence in the asset's notes.
 
-use riglab_core::{Asset, Clip, Humanoid, Joint, JointId, Rig, RigError, Skeleton, SkinWeights, Springs};
+use riglab_core::{Asset, Clip, Humanoid, Joint, JointId, JointMap, Rig, RigError, Skeleton, SkinWeights, Springs};
 
 use crate::config::RepairConfig;
 
@@ -23,7 +23,13 @@ pub fn repair(asset: &mut Asset, config: &RepairConfig) -> Result<Vec<String>, R
         }
     }
     if config.zero_length {
-        let gone = coincident(&asset.rig, config.zero_length_share);
+        let (apart, gone): (Vec<_>, Vec<_>) =
+            coincident(&asset.rig, config.zero_length_share).into_iter().partition(|&joint| moves_apart(asset, joint));
+        if !apart.is_empty() {
+            let what = count(apart.len(), "joint of a bone without length");
+            let why = format!("{what} left, as motions take it from its parent: {}", named(&asset.rig, &apart));
+            asset.provenance.notes.push(why);
+        }
         if !gone.is_empty() {
             let what = count(gone.len(), "joint of a bone without length");
             told.push(format!("{what} folded into its parent: {}", named(&asset.rig, &gone)));
@@ -109,6 +115,29 @@ fn coincident(rig: &Rig, share: f32) -> Vec<JointId> {
     skeleton.ids().filter(folds).collect()
 }
 
+/// How far a motion may take two joints from each other anywhere in the box, as a share of its diagonal, that are one joint.
+const TOGETHER: f32 = 1e-4;
+
+/// Whether a motion takes what hangs on a joint elsewhere than what hangs on its parent.
+fn moves_apart(asset: &Asset, joint: JointId) -> bool {
+    let Some(parent) = asset.rig.skeleton().parent(joint) else { return false };
+    let bounds = asset.rig.bounds();
+    let reach = bounds.diagonal() * TOGETHER;
+    let [center, half] = [bounds.center(), bounds.size().map(|side| 0.5 * side)].map(glam::Vec3::from);
+    let apart = |own: &JointMap, above: &JointMap| {
+        let [x, y, z, shift] = [0, 1, 2, 3].map(|k| glam::Vec3::from(own[k]) - glam::Vec3::from(above[k]));
+        // At the corner where it is most.
+        let middle = x * center.x + y * center.y + z * center.z + shift;
+        middle.length() + x.length() * half.x + y.length() * half.y + z.length() * half.z
+    };
+    let mut frames = asset.clips.iter().flat_map(|clip| clip.maps().chunks(clip.joints().max(1)));
+    frames.any(|frame| {
+        let by = apart(&frame[joint.index()], &frame[parent.index()]);
+        // What goes beyond the greatest numbers is no number, and apart.
+        by.is_nan() || by > reach
+    })
+}
+
 /// Leaves out joints (not the root): their children and weights go to their nearest ancestor that stays.
 fn remove(asset: &mut Asset, gone: &[JointId]) -> Result<(), RigError> {
     let rig = &asset.rig;
@@ -144,7 +173,7 @@ fn remove(asset: &mut Asset, gone: &[JointId]) -> Result<(), RigError> {
     });
     let springs: Springs = rig.springs().clone().renumbered(|j| heir[j.index()]);
     let clips = asset.clips.iter().map(|clip| {
-        let kept = |frame: &[riglab_core::JointMap]| {
+        let kept = |frame: &[JointMap]| {
             frame.iter().zip(&leaves).filter(|(_, gone)| !**gone).map(|(map, _)| *map).collect::<Vec<_>>()
         };
         let maps = clip.maps().chunks(clip.joints().max(1)).flat_map(kept).collect();
@@ -229,6 +258,24 @@ mod tests {
         let row: Vec<_> = a.rig.weights().row(0).map(|(j, w)| (j.0, w)).collect();
         assert!((row[0].1 - 2.0 / 3.0).abs() < 1e-6 && row[1].0 == 1, "{row:?}");
         assert!(told[0].contains("1 joint of a bone without length was folded into its parent: `w1`"));
+    }
+
+    #[test]
+    fn bones_without_length_stay_where_a_motion_takes_them_from_their_parent() {
+        const STILL: JointMap = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
+        const UP: JointMap = [STILL[0], STILL[1], STILL[2], [0.0, 3.0, 0.0]];
+        let moving = |second: [JointMap; 3]| {
+            let mut a = asset(&[("w0", None, 0.0), ("w1", Some(0), 0.0), ("w2", Some(1), 1.0)]);
+            let maps = [[STILL; 3], second].concat();
+            a.clips = vec![Clip::new("rise".into(), 30.0, 3, maps).unwrap()];
+            let told = repair(&mut a, &RepairConfig::default()).unwrap();
+            (a, told)
+        };
+        let (a, told) = moving([STILL, UP, UP]);
+        assert_eq!((names(&a), told.len()), (vec!["w0", "w1", "w2"], 0));
+        assert!(a.provenance.notes[0].contains("length was left, as motions take it from its parent: `w1`"));
+        let (b, told) = moving([UP, UP, STILL]);
+        assert_eq!((names(&b), told.len(), b.clips[0].joints()), (vec!["w0", "w2"], 1, 2));
     }
 
     #[test]
