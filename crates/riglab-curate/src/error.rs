@@ -78,6 +78,14 @@ pub enum CurateError {
         /// The files.
         files: Vec<String>,
     },
+    /// A corpus that is to be merged, with a journal of later files beside it.
+    #[error("{path}: holds `{name}` as it was before its file changed, as a curation that was broken off leaves it; run that curation again to its end, then merge", path = path.display())]
+    Older {
+        /// The corpus.
+        path: PathBuf,
+        /// One of the assets.
+        name: String,
+    },
     /// Another run works in the folder.
     #[error("{path}: another curation is at work here; wait for it, or give another --out", path = .0.display())]
     Busy(PathBuf),

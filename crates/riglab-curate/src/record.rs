@@ -92,9 +92,14 @@ impl Record {
         Self { name, file, dropped, notes: from.notes.clone(), facts: Some(facts) }
     }
 
+    /// BLAKE3 of its file, in hexadecimal; empty for what cannot be read.
+    pub fn checksum(&self) -> &str {
+        self.facts.as_ref().map_or("", |f| &f.checksum)
+    }
+
     /// What decisions know it by: the first 16 digits of its file's checksum; empty for what cannot be read.
     pub fn digest(&self) -> &str {
-        self.facts.as_ref().map_or("", |f| f.checksum.get(..16).unwrap_or(&f.checksum))
+        self.checksum().get(..16).unwrap_or(self.checksum())
     }
 }
 

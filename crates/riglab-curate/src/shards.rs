@@ -28,8 +28,8 @@ pub fn nothing_left(places: &Places) -> bool {
 /// The assets of the corpora in `keep` keep their splits; the others get theirs as the config says, among themselves.
 ///
 /// # Errors
-/// As [`crate::curate`], when a corpus has no journal beside it, [`CurateError::Unlike`] for assets of one name and different
-/// files, and when `places` are those of one of the corpora.
+/// As [`crate::curate`], when a corpus has no journal beside it or one of later files ([`CurateError::Older`]),
+/// [`CurateError::Unlike`] for assets of one name and different files, and when `places` are those of one of the corpora.
 pub fn merge_shards(
     corpora: &[PathBuf],
     keep: &[PathBuf],
@@ -48,10 +48,14 @@ pub fn merge_shards(
     }
     let all = gather(&inputs)?;
     let looked_at = looked_at(&inputs, config, tell);
+    let checksums: HashMap<&str, &str> = all.iter().map(|record| (record.name.as_str(), record.checksum())).collect();
     let mut open = Vec::new();
     let mut splits = HashMap::new();
     for input in &inputs {
         let corpus = if nothing_left(input) { None } else { Some(Corpus::open(&input.out)?) };
+        if let Some(corpus) = &corpus {
+            of_its_journal(corpus, &input.out, &checksums)?;
+        }
         if let Some(corpus) = corpus.as_ref().filter(|_| keep.contains(&input.out)) {
             splits.extend(corpus.names()?.iter().cloned().zip(corpus.texts("split")?));
         }
@@ -91,6 +95,18 @@ fn gather(inputs: &[Places]) -> Result<Vec<Record>, CurateError> {
         }
     }
     Ok(all.into_values().map(|(record, _)| record).collect())
+}
+
+/// Whether the assets of a corpus are those that its journal is about: this may be of a later curation, which was broken off
+/// before it wrote a corpus. `checksums` are those of the records' files, by asset.
+fn of_its_journal(corpus: &Corpus, path: &Path, checksums: &HashMap<&str, &str>) -> Result<(), CurateError> {
+    let own = corpus.names()?.iter().zip(corpus.texts("checksum")?);
+    // What could not be read then is not taken from the corpus either.
+    let is_other = |name: &str, own: &str| checksums.get(name).is_some_and(|now| !now.is_empty() && *now != own);
+    match own.into_iter().find(|(name, own)| is_other(name, own)) {
+        Some((name, _)) => Err(CurateError::Older { path: path.into(), name: name.clone() }),
+        None => Ok(()),
+    }
 }
 
 /// What the settings were, as journals say it, by which the inputs' files were looked at; told where they were not those of

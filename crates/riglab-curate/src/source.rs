@@ -1,6 +1,6 @@
 //! Assets read a second time, for those that are kept.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::ops::ControlFlow;
 
 use rayon::prelude::*;
@@ -16,6 +16,9 @@ use crate::repair::repair;
 
 /// Assets read before they are written: bounds memory.
 const AT_ONCE: usize = 64;
+
+/// Names of assets of a file, with the checksum that it had when they were looked at.
+type Wanted<'a> = HashMap<&'a str, &'a str>;
 
 /// Where assets are read again from.
 pub(crate) enum Source<'a> {
@@ -55,7 +58,8 @@ impl Source<'_> {
         }
     }
 
-    /// Gives the wanted assets, repaired, in the order of the records, a chunk at a time.
+    /// Gives the wanted assets, repaired, in the order of the records, a chunk at a time. Those of files that are not what the
+    /// records are about any more are left out.
     pub(crate) fn each_chunk(
         &self,
         wanted: &[&Record],
@@ -76,11 +80,14 @@ impl Source<'_> {
                 Ok(())
             }
             Self::Folder(folder, config) => {
-                let again = |file: &str, names: &HashSet<&str>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
+                let again = |file: &str, wanted: &Wanted<'_>, give: &mut dyn FnMut(Asset) -> ControlFlow<()>| {
                     // The first of a name.
-                    let mut names = names.clone();
+                    let mut wanted = wanted.clone();
                     folder.each(&folder.path(file), None, |found| match found {
-                        ReadOutcome::Asset(mut read) if names.remove(read.asset.name.as_str()) => {
+                        ReadOutcome::Asset(mut read)
+                            if wanted.remove(read.asset.name.as_str())
+                                == Some(read.asset.provenance.checksum.as_str()) =>
+                        {
                             // It was repaired before, so it can be.
                             let _ = repair(&mut read.asset, &config.repair);
                             give(read.asset)
@@ -89,11 +96,11 @@ impl Source<'_> {
                     });
                 };
                 // Runs of records of one file, and runs of files of one record.
-                let mut files: Vec<(&str, HashSet<&str>)> = Vec::new();
+                let mut files: Vec<(&str, Wanted<'_>)> = Vec::new();
                 for record in wanted {
                     match files.last_mut().filter(|(file, _)| *file == record.file) {
-                        Some((_, names)) => drop(names.insert(&record.name)),
-                        None => files.push((&record.file, HashSet::from([record.name.as_str()]))),
+                        Some((_, names)) => drop(names.insert(&record.name, record.checksum())),
+                        None => files.push((&record.file, Wanted::from([(record.name.as_str(), record.checksum())]))),
                     }
                 }
                 let mut rest = files.as_slice();
@@ -114,7 +121,7 @@ impl Source<'_> {
                         continue;
                     }
                     let run = rest.iter().take(AT_ONCE).take_while(|(_, names)| names.len() == 1).count();
-                    let read = |(file, names): &(&str, HashSet<&str>)| {
+                    let read = |(file, names): &(&str, Wanted<'_>)| {
                         let mut own = Vec::new();
                         again(file, names, &mut |asset| {
                             own.push(asset);

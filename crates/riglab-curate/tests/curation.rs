@@ -13,7 +13,7 @@ use common::{copy, creatures, dropped, plain, run, run_shard, write};
 use riglab_core::{Asset, Joint, Rig, Skeleton};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
-use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, listed, merge_shards};
+use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, curate, listed, merge_shards};
 use riglab_data::Corpus;
 
 #[test]
@@ -284,6 +284,58 @@ fn the_copy_whose_category_by_rules_is_wanted_stays() {
     config.categories.keep = vec![rules[1].parse().unwrap()];
     let funnel = run(dir.path(), out.path(), &config).unwrap();
     assert_eq!((dropped(&funnel, "duplicates"), funnel.kept), (vec!["a.glb"], 1));
+}
+
+#[test]
+fn a_file_that_changes_on_the_way_is_not_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(3);
+    write(dir.path(), &all[..2]);
+    // Of a single asset, and of several.
+    let set = dir.path().join("set.npz");
+    riglab_asset::write(&all, &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let places = Places::of(&out.path().join("corpus.h5"));
+    let first = format!("{}.glb", all[0].name);
+    let change = |what: &str, done: usize, _: usize| {
+        if (what, done) == ("comparing", 0) {
+            write(dir.path(), &[Asset { name: all[0].name.clone(), ..copy(&all[2], "") }]);
+            let turned: Vec<Asset> = all.iter().map(|a| copy(a, &a.name)).collect();
+            riglab_asset::write(&turned, &set, riglab_asset::Target::ARTICULATION_XL).unwrap();
+        }
+    };
+    let mut config = plain();
+    config.stages = Vec::new();
+    let said = curate(dir.path(), &places, None, &config, &change).unwrap_err();
+    let CurateError::Changed { count, files, .. } = &said else { panic!("{said}") };
+    assert_eq!((&count[..], files.len(), files.contains(&first)), ("4 assets", 4, true), "{said}");
+    assert!(!places.out.exists());
+    // The next run looks at them again.
+    assert_eq!(run(dir.path(), out.path(), &config).unwrap().kept, 5);
+    let corpus = Corpus::open(&places.out).unwrap();
+    let (names, sums) = (corpus.names().unwrap().to_vec(), corpus.texts("checksum").unwrap());
+    let at = names.iter().position(|name| *name == first).unwrap();
+    assert_eq!(sums[at], blake3::hash(&std::fs::read(dir.path().join(&first)).unwrap()).to_hex().to_string());
+}
+
+#[test]
+fn a_corpus_that_is_older_than_its_journal_is_not_merged() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(3);
+    write(dir.path(), &all[..2]);
+    let out = tempfile::tempdir().unwrap();
+    let [part, other, merged] = ["part", "other", "merged"].map(|name| Places::of(&out.path().join(name)));
+    let tell = |_: &str, _: usize, _: usize| ();
+    curate(dir.path(), &part, None, &plain(), &tell).unwrap();
+    write(dir.path(), &[Asset { name: all[0].name.clone(), ..all[2].clone() }]);
+    curate(dir.path(), &other, None, &plain(), &tell).unwrap();
+    // As if the part's own curation had been broken off after it looked at the file.
+    std::fs::copy(other.journal(), part.journal()).unwrap();
+    let merge = || merge_shards(std::slice::from_ref(&part.out), &[], &merged, &plain(), &tell);
+    let said = merge().unwrap_err().to_string();
+    assert!(said.contains(&format!("part: holds `{}.glb` as it was", all[0].name)), "{said}");
+    curate(dir.path(), &part, None, &plain(), &tell).unwrap();
+    assert_eq!(merge().unwrap().kept, 2);
 }
 
 #[test]
