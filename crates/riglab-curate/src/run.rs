@@ -118,8 +118,7 @@ pub fn curate(
     if let Some(hidden) = files.hidden() {
         tell(hidden, 0, 0);
     }
-    let told = places.work.join(SHARD);
-    match shard {
+    let there: Option<Vec<Shard>> = match shard {
         Some(shard) => {
             let mut filled = HashSet::new();
             files.retain(|name| {
@@ -129,19 +128,35 @@ pub fn curate(
             // Parts that no file falls into are as good as there: they have no corpus.
             let empty = (1..=shard.of).filter(|number| *number != shard.number && !filled.contains(number));
             let empty = empty.take(EMPTY).map(|number| Shard { number, ..shard });
-            let there: Vec<Shard> = std::iter::once(shard).chain(empty).collect();
-            store(&told, &serde_json::to_vec(&there).unwrap_or_default())?;
+            Some(std::iter::once(shard).chain(empty).collect())
         }
-        // The folder may have been a shard's before; mostly there is none.
-        None => drop(std::fs::remove_file(&told)),
-    }
+        None => None,
+    };
     let (records, journal) = look(&files, places, config, tell)?;
     let done = finish(&Source::Folder(&files, config), &records, places, shard, config, tell);
-    if let Err(CurateError::Changed { files, .. }) = &done {
+    match &done {
+        // As long as the journal is this run's: of which shard the corpus is, and not which was begun.
+        Ok(_) | Err(CurateError::NothingLeft { .. }) => tell_shard(places, there.as_deref())?,
         // Whatever it was that changed: the next run does not rely on what this one saw.
-        files.iter().try_for_each(|file| locked(&journal).forget(file))?;
+        Err(CurateError::Changed { files, .. }) => {
+            files.iter().try_for_each(|file| locked(&journal).forget(file))?;
+        }
+        Err(_) => {}
     }
     done
+}
+
+/// Writes beside the corpus which shards it is of; of none where the whole folder was curated.
+pub(crate) fn tell_shard(places: &Places, there: Option<&[Shard]>) -> Result<(), CurateError> {
+    let path = places.work.join(SHARD);
+    match there {
+        Some(there) => store(&path, &serde_json::to_vec(there).unwrap_or_default()),
+        // The folder may have been a shard's before; mostly there is none.
+        None => {
+            let _ = std::fs::remove_file(&path);
+            Ok(())
+        }
+    }
 }
 
 /// Makes the folder beside the corpus, if the corpus may be where it is to be: told before hours of work, not after them.

@@ -11,7 +11,7 @@ use crate::config::{CurateConfig, SplitBy};
 use crate::funnel::Funnel;
 use crate::journal::{key, records, settings, text};
 use crate::record::Record;
-use crate::run::{Places, Shard, Tell, begin, finish};
+use crate::run::{Places, Shard, Tell, begin, finish, tell_shard};
 use crate::source::Source;
 use crate::store::store;
 
@@ -66,7 +66,7 @@ pub fn merge_shards(
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;
         let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
-        store(&places.work.join(SHARD), &serde_json::to_vec(&there).unwrap_or_default())?;
+        tell_shard(places, Some(&there))?;
     }
     done
 }

@@ -339,6 +339,41 @@ fn a_corpus_that_is_older_than_its_journal_is_not_merged() {
 }
 
 #[test]
+fn a_corpus_is_of_the_shard_that_it_was_made_of() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(12));
+    let out = tempfile::tempdir().unwrap();
+    let places = Places::of(&out.path().join("corpus.h5"));
+    let shard = |number, of| Some(Shard { number, of });
+    let told = || std::fs::read_to_string(places.work.join("shard.json")).unwrap_or_default();
+    let others = Mutex::new(Vec::new());
+    // Another run begins meanwhile, and finds this one at work.
+    let meanwhile = |what: &str, _: usize, _: usize| {
+        if what == "comparing" {
+            others.lock().unwrap().push(run_shard(dir.path(), &places.out, shard(1, 3), &plain()));
+        }
+    };
+    curate(dir.path(), &places, shard(2, 2), &plain(), &meanwhile).unwrap();
+    let others = others.into_inner().unwrap();
+    assert!(!others.is_empty() && others.iter().all(|other| matches!(other, Err(CurateError::Busy(_)))));
+    assert_eq!(told(), r#"[{"number":2,"of":2}]"#);
+    // One that is broken off leaves the corpus, and whose it is.
+    let kept: Vec<String> = Corpus::open(&places.out).unwrap().names().unwrap().to_vec();
+    let gone = |what: &str, _: usize, _: usize| {
+        if what == "comparing" {
+            creatures(12).iter().for_each(|a| drop(std::fs::remove_file(dir.path().join(format!("{}.glb", a.name)))));
+        }
+    };
+    let broken = curate(dir.path(), &places, None, &plain(), &gone);
+    assert!(matches!(broken, Err(CurateError::Changed { .. })));
+    assert_eq!(told(), r#"[{"number":2,"of":2}]"#);
+    assert_eq!(Corpus::open(&places.out).unwrap().names().unwrap().to_vec(), kept);
+    write(dir.path(), &creatures(12));
+    run_shard(dir.path(), &places.out, None, &plain()).unwrap();
+    assert_eq!(told(), "");
+}
+
+#[test]
 fn a_file_of_one_asset_gives_its_name_where_characters_are_split() {
     let dir = tempfile::tempdir().unwrap();
     let all = creatures(2);
