@@ -109,9 +109,14 @@ impl Funnel {
         splits: &[String],
         config: &CurateConfig,
     ) -> Self {
+        // Parts that are merged may have passed stages that are not of the config.
+        let own = |stage: &StageName| config.stages.contains(stage);
+        let dropped_by = |stage: &StageName| judged.dropped.iter().flatten().any(|(by, _)| by == stage.name());
+        let others = StageName::ALL.into_iter().filter(|stage| !own(stage) && dropped_by(stage));
         let names = [READ, DECISION]
             .into_iter()
             .chain(config.stages.iter().filter(|s| **s != StageName::Duplicates).map(|s| s.name()))
+            .chain(others.map(StageName::name))
             .chain(config.stages.iter().filter(|s| **s == StageName::Duplicates).map(|s| s.name()))
             .chain((!config.categories.keep.is_empty()).then_some(CATEGORY));
         let mut came = records.len();

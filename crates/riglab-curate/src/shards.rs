@@ -13,6 +13,7 @@ use crate::journal::{key, records, settings, text};
 use crate::record::Record;
 use crate::run::{Places, Shard, Tell, begin, finish, tell_shard};
 use crate::source::Source;
+use crate::stages::StageName;
 use crate::store::store;
 
 /// Whether a curation has looked at all its files, and nothing passed: it has a report and no corpus.
@@ -62,7 +63,8 @@ pub fn merge_shards(
         open.extend(corpus);
         take_answers(&input.work.join("answers"), &places.work.join("answers"))?;
     }
-    let done = finish(&Source::Corpora(&open, &splits), &all, places, None, config, tell);
+    let config = CurateConfig { stages: passed(&inputs, config), ..config.clone() };
+    let done = finish(&Source::Corpora(&open, &splits), &all, places, None, &config, tell);
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;
         let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
@@ -109,6 +111,27 @@ fn of_its_journal(corpus: &Corpus, path: &Path, checksums: &HashMap<&str, &str>)
     }
 }
 
+/// The stages that what is merged has passed, as the reports of its parts say, and that of duplicates where the config asks for
+/// it; those of the config where nothing is said.
+fn passed(inputs: &[Places], config: &CurateConfig) -> Vec<StageName> {
+    let of = |input: &Places| funnel(&input.funnel()).map_or(Vec::new(), |funnel| funnel.stages);
+    let mut stages: Vec<StageName> = Vec::new();
+    for stage in inputs.iter().flat_map(of) {
+        let known = StageName::ALL.into_iter().find(|known| known.name() == stage.stage);
+        stages.extend(known.filter(|known| *known != StageName::Duplicates && !stages.contains(known)));
+    }
+    if inputs.iter().all(|input| funnel(&input.funnel()).is_none()) {
+        return config.stages.clone();
+    }
+    stages.extend(config.stages.contains(&StageName::Duplicates).then_some(StageName::Duplicates));
+    stages
+}
+
+/// The numbers of a curation, if they are there.
+fn funnel(path: &Path) -> Option<Funnel> {
+    std::fs::read(path).ok().and_then(|text| serde_json::from_slice(&text).ok())
+}
+
 /// What the settings were, as journals say it, by which the inputs' files were looked at; told where they were not those of
 /// `config` alone, as merging looks at no file.
 fn looked_at(inputs: &[Places], config: &CurateConfig, tell: Tell) -> String {
@@ -120,8 +143,8 @@ fn looked_at(inputs: &[Places], config: &CurateConfig, tell: Tell) -> String {
         return keys.concat();
     }
     if first != key(config) {
-        let told = "the parts were made with other settings than these: merging looks at no file, so settings of import, \
-                    repair and stages have no effect; curate the files again for that";
+        let told = "the parts were made with other settings than these: merging looks at no file, so settings of import and \
+                    repair have no effect, and of stages that of duplicates alone; curate the files again for that";
         tell(told, 0, 0);
     }
     first
@@ -129,11 +152,8 @@ fn looked_at(inputs: &[Places], config: &CurateConfig, tell: Tell) -> String {
 
 /// Those corpora of curations whose splits a list gave, as their reports say.
 pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
-    let by_list = |path: &&PathBuf| {
-        let text = std::fs::read(Places::of(path).funnel()).ok();
-        let funnel: Option<Funnel> = text.and_then(|text| serde_json::from_slice(&text).ok());
-        funnel.is_some_and(|funnel| funnel.split_by == SplitBy::List)
-    };
+    let by_list =
+        |path: &&PathBuf| funnel(&Places::of(path).funnel()).is_some_and(|funnel| funnel.split_by == SplitBy::List);
     corpora.iter().filter(by_list).cloned().collect()
 }
 

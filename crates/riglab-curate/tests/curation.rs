@@ -13,7 +13,9 @@ use common::{copy, creatures, dropped, plain, run, run_shard, write};
 use riglab_core::{Asset, Joint, Rig, Skeleton};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
-use riglab_curate::{Category, CurateError, Places, Shard, SplitBy, curate, listed, merge_shards};
+use riglab_curate::{
+    Category, CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, StageName, curate, listed, merge_shards,
+};
 use riglab_data::Corpus;
 
 #[test]
@@ -336,6 +338,34 @@ fn a_corpus_that_is_older_than_its_journal_is_not_merged() {
     assert!(said.contains(&format!("part: holds `{}.glb` as it was", all[0].name)), "{said}");
     curate(dir.path(), &part, None, &plain(), &tell).unwrap();
     assert_eq!(merge().unwrap().kept, 2);
+}
+
+#[test]
+fn a_merge_counts_what_its_parts_stages_dropped() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(6);
+    write(dir.path(), &all);
+    let out = tempfile::tempdir().unwrap();
+    let mut joints: Vec<usize> = all.iter().map(|a| a.rig.skeleton().len()).collect();
+    joints.sort_unstable();
+    let (mut strict, mut loose) = (plain(), plain());
+    strict.stages = vec![StageName::Bones];
+    strict.bones.min = joints[3];
+    loose.stages = vec![StageName::Weights, StageName::Duplicates];
+    let part = out.path().join("part.h5");
+    let few = run_shard(dir.path(), &part, None, &strict).unwrap();
+    let merge = |part: &std::path::Path, config: &CurateConfig| {
+        merge_shards(&[part.into()], &[], &Places::of(&out.path().join("merged.h5")), config, &|_, _, _| ()).unwrap()
+    };
+    let merged = merge(&part, &loose);
+    let stages = |funnel: &Funnel| funnel.stages.iter().map(|stage| stage.stage.clone()).collect::<Vec<_>>().join(" ");
+    assert_eq!(stages(&merged), "read decision bones duplicates");
+    assert!(few.kept < 6 && dropped(&merged, "bones") == dropped(&few, "bones"));
+    let last = merged.stages.last().unwrap();
+    assert_eq!(last.came - last.dropped.len(), merged.kept);
+    // Where the part's report is lost, its records say what they were dropped by.
+    std::fs::remove_file(Places::of(&part).funnel()).unwrap();
+    assert_eq!(stages(&merge(&part, &loose)), "read decision weights bones duplicates");
 }
 
 #[test]
