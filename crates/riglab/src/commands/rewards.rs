@@ -115,14 +115,16 @@ fn settings(config: Option<&str>, sets: &[String]) -> Result<RewardConfig> {
     let loaded = match config {
         Some(name) => {
             let run = PathBuf::from(name).join("config.toml");
-            presets::load(run.to_str().filter(|_| run.is_file()).unwrap_or(name), sets)?
+            let file = run.to_str().filter(|_| run.is_file()).unwrap_or(name);
+            // Changes alone make no rewards of an experiment that has none.
+            if !presets::load(file, &[])?.contains("reward") {
+                bail!("{name} has no [reward] to judge by: give an experiment or a run of task grpo");
+            }
+            presets::load(file, sets)?
         }
         None => presets::parse("--set", "", sets)?,
     };
     if !loaded.contains("reward") {
-        if let Some(name) = config {
-            bail!("{name} has no [reward] to judge by: give an experiment or a run of task grpo");
-        }
         return Ok(RewardConfig::default());
     }
     let own: RewardConfig = loaded.get_at("reward")?;
@@ -323,8 +325,10 @@ mod tests {
         assert!(of(None, "train.steps=3").contains("begin with `reward.`"));
         assert!(of(None, "reward.mution=3").contains("mution"));
         assert!(of(None, "reward.poses=0").contains("reward.poses"));
-        let said = settings(Some("quickstart/tokenrig.toml"), &[]).unwrap_err().to_string();
-        assert!(said.contains("has no [reward]") && said.contains("task grpo"), "{said}");
+        for sets in [&[][..], &["reward.beta=0.2".to_owned()]] {
+            let said = settings(Some("quickstart/tokenrig.toml"), sets).unwrap_err().to_string();
+            assert!(said.contains("has no [reward]") && said.contains("task grpo"), "{said}");
+        }
     }
 
     #[test]
