@@ -463,7 +463,7 @@ impl Visitor for Session<'_> {
         begun.extend(unwarmed(config.train()));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
-        let guard = (!resumed).then(|| Guard::of_first_step(&run));
+        let guard = Guard::of_first_step(&run);
         let start = Instant::now();
         let outcome = train(&task, config.train(), &run, &interrupt, ranks);
         drop(guard);

@@ -33,8 +33,8 @@ impl Guard {
         Self(done)
     }
 
-    /// Watches a new run until its first step is written down: what a step takes has been taken then, and a run that is
-    /// going well is not ended for what other programs take.
+    /// Watches a run until its first step is written down: what a step takes has been taken then, and a run that is going
+    /// well is not ended for what other programs take. One that goes on has none where it was ended before it.
     pub(super) fn of_first_step(run: &Run) -> Self {
         let metrics = run.path("metrics.jsonl");
         Self::until(move || metrics.metadata().is_ok_and(|file| file.len() > 0))
@@ -77,18 +77,25 @@ mod tests {
     }
 
     #[test]
-    fn a_new_run_is_watched_until_its_first_step_is_written_down() {
+    fn a_run_is_watched_until_its_first_step_is_written_down() {
         let dir = tempfile::tempdir().unwrap();
-        let run = Run::create(&dir.path().join("run"), "").unwrap();
+        let place = dir.path().join("run");
+        drop(Run::create(&place, "").unwrap());
+        let watched = |guard: &Guard| Arc::strong_count(&guard.0) == 2;
+        let ends = |guard: &Guard| {
+            let begin = Instant::now();
+            while watched(guard) {
+                assert!(begin.elapsed() < Duration::from_secs(60));
+                std::thread::sleep(LOOKS);
+            }
+        };
+        // As one that was ended before its first step.
+        let run = Run::open(&place).unwrap();
         let guard = Guard::of_first_step(&run);
-        let watched = || Arc::strong_count(&guard.0) == 2;
         std::thread::sleep(2 * LOOKS);
-        assert!(watched());
+        assert!(watched(&guard));
         std::fs::write(run.path("metrics.jsonl"), "{\"step\":1}\n").unwrap();
-        let begin = Instant::now();
-        while watched() {
-            assert!(begin.elapsed() < Duration::from_secs(60));
-            std::thread::sleep(LOOKS);
-        }
+        ends(&guard);
+        ends(&Guard::of_first_step(&run));
     }
 }
