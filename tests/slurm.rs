@@ -248,7 +248,7 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
     assert!(read(&run.join("config.toml")).contains("steps = 5"));
     // The job computes where it was asked to.
     let script = read(&run.join("slurm/job-1.sh"));
-    assert!(script.lines().last().is_some_and(|line| line.ends_with("--device cuda:1")), "{script}");
+    assert!(script.lines().last().is_some_and(|line| line.ends_with("--device cuda:1 --submission 1")), "{script}");
 }
 
 /// Programs that answer as those of a cluster would which takes all jobs and runs none; a search path with them.
@@ -306,6 +306,10 @@ fn threads_and_tables_reach_the_jobs() {
     holds(&out.join("slurm/job-1.sh"), &[&asked[..], &["--cpus-per-task=4\n", "--threads 0 sweep "]].concat());
     done("5", &sweep);
     holds(&out.join("slurm/job-2.sh"), &[&asked[..], &["--cpus-per-task=5\n", "--threads 5 sweep "]].concat());
+    // A task of the first that is still to start has what it was given.
+    holds(&out.join("slurm/job-1.sh"), &[" --submission 1\n"]);
+    holds(&out.join("slurm/job-1.toml"), &["cpus = 4\n"]);
+    holds(&out.join("slurm/settings.toml"), &["cpus = 5\n"]);
     // Tasks that somebody cancels are told, and no success.
     let said = refusal(&mut call("0", &["sweep", text(&out), "--on", "slurm", "--wait"]));
     assert!(said.contains("1 job not done") && said.contains("`base`, seed 0 (waiting)"), "{said}");

@@ -8,7 +8,7 @@ pub mod train;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use riglab_config::Config;
 use riglab_slurm::{Queue, Queued, Script, SlurmConfig, SlurmError, Submission, array_size, record, submissions};
 use riglab_train::Interrupt;
@@ -53,9 +53,10 @@ struct Kept {
 /// Where the jobs of a piece of work are written down: the folder `slurm` within that of the work.
 ///
 /// ```text
-/// settings.toml   the table [slurm]
+/// settings.toml   the table [slurm], as the last submission had it
 /// jobs.jsonl      a line a job that was submitted
 /// job-N.sh        its script
+/// job-N.toml      the table [slurm] that it was submitted with
 /// starts/         a line a start of a task
 /// logs/           what tasks say
 /// ```
@@ -92,15 +93,32 @@ impl Desk {
 
     /// With the settings of an earlier call, or defaults, and changes.
     pub fn reopen(work: &Path, sets: &[String]) -> Result<Self> {
-        let mut desk = Self::new(work, SlurmConfig::default())?;
+        let desk = Self::new(work, SlurmConfig::default())?;
         let path = desk.settings();
-        let text = match std::fs::read_to_string(&path) {
+        desk.with_kept(&path, sets)
+    }
+
+    /// For a task of a submission, whose job got what was asked for then. Scripts of earlier versions do not tell which it
+    /// was: their tasks have the settings of the last one.
+    pub fn of_submission(work: &Path, number: Option<usize>) -> Result<Self> {
+        let Some(number) = number else { return Self::reopen(work, &[]) };
+        let desk = Self::new(work, SlurmConfig::default())?;
+        let path = desk.settings_of(number);
+        if !path.is_file() {
+            bail!("{}: no such file; the job cannot tell what it was submitted with", path.display());
+        }
+        desk.with_kept(&path, &[])
+    }
+
+    /// With the settings of a file, defaults without one, and changes.
+    fn with_kept(mut self, path: &Path, sets: &[String]) -> Result<Self> {
+        let text = match std::fs::read_to_string(path) {
             Ok(text) => text,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
         };
-        desk.config = settings(&presets::parse(&path.display().to_string(), &text, sets)?)?;
-        Ok(desk)
+        self.config = settings(&presets::parse(&path.display().to_string(), &text, sets)?)?;
+        Ok(self)
     }
 
     /// For work of so many threads a process: it gets as many processors at least.
@@ -117,6 +135,17 @@ impl Desk {
 
     fn settings(&self) -> PathBuf {
         self.folder.join("settings.toml")
+    }
+
+    fn settings_of(&self, submission: usize) -> PathBuf {
+        self.file(&format!("job-{submission}.toml"))
+    }
+
+    /// Writes the settings down, for later calls and for the tasks of a submission.
+    fn keep(&self, submission: usize) -> Result<()> {
+        let kept = toml::to_string(&Kept { slurm: self.config.clone() })?;
+        write(&self.settings(), &kept)?;
+        write(&self.settings_of(submission), &kept)
     }
 
     /// A file of the desk.
@@ -148,8 +177,6 @@ impl Desk {
     /// Writes scripts and submits them: one, or as many as the cluster's longest array asks for.
     pub fn submit(&self, order: &Order) -> Result<Vec<Submission>> {
         std::fs::create_dir_all(self.logs()).with_context(|| format!("{} cannot be made", self.logs().display()))?;
-        let kept = toml::to_string(&Kept { slurm: self.config.clone() })?;
-        write(&self.settings(), &kept)?;
         if order.numbers.is_empty() {
             return Ok(vec![self.submit_one(order, 0, &[])?]);
         }
@@ -163,8 +190,12 @@ impl Desk {
         let own = own.to_str().context("the program's own path is not UTF-8")?;
         let here = std::env::current_dir().context("the working folder is gone")?;
         let tasks: Vec<usize> = numbers.iter().map(|n| n - offset).collect();
-        let (offset_text, mut command) = (offset.to_string(), vec![own, "slurm-task"]);
+        let number = self.submitted().len() + 1;
+        self.keep(number)?;
+        let (offset_text, number_text) = (offset.to_string(), number.to_string());
+        let mut command = vec![own, "slurm-task"];
         command.extend(order.command);
+        command.extend(["--submission", &number_text]);
         if offset > 0 {
             command.extend(["--offset", &offset_text]);
         }
@@ -178,7 +209,7 @@ impl Desk {
             parallel: order.parallel,
             command: &command,
         };
-        let path = self.file(&format!("job-{}.sh", self.submitted().len() + 1));
+        let path = self.file(&format!("job-{number}.sh"));
         write(&path, &script.text()?)?;
         let job = riglab_slurm::submit(&path).with_context(|| format!("{} is not taken", path.display()))?;
         let what = order.what.into();
@@ -264,6 +295,18 @@ mod tests {
             [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus).for_threads(threads).config.cpus),
             [0, 4, 8, 4]
         );
+    }
+
+    #[test]
+    fn a_task_has_the_settings_of_its_own_submission() {
+        let dir = tempfile::tempdir().unwrap();
+        for (number, processes) in [(1, 1), (2, 4)] {
+            let config = SlurmConfig { processes, ..SlurmConfig::default() };
+            Desk::new(dir.path(), config).unwrap().keep(number).unwrap();
+        }
+        let of = |number| Desk::of_submission(dir.path(), number).map(|desk| desk.config.processes);
+        assert_eq!([Some(1), Some(2), None].map(|number| of(number).unwrap()), [1, 4, 4]);
+        assert!(of(Some(3)).unwrap_err().to_string().contains("job-3.toml: no such file"));
     }
 
     #[test]

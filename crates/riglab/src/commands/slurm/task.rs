@@ -3,7 +3,7 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use riglab_curate::{Places, nothing_left};
@@ -25,6 +25,9 @@ pub struct Args {
     /// Added to the task's number.
     #[arg(long, default_value_t = 0, global = true)]
     offset: usize,
+    /// The submission that it is of, the first being 1.
+    #[arg(long, global = true)]
+    submission: Option<usize>,
 }
 
 #[derive(clap::Subcommand)]
@@ -61,11 +64,12 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         bail!("this is what the scripts of Slurm jobs call; `riglab sweep FILE --on slurm` writes and submits them");
     };
     let number = task.number.unwrap_or(0) + args.offset;
+    let desk = |work: &Path| Desk::of_submission(work, args.submission);
     let done = match &args.kind {
-        Kind::Sweep { folder } => sweep(&task, folder, number, threads)?,
-        Kind::Train { run, device } => train(&task, run, device.as_deref(), threads)?,
-        Kind::Curate { out } => curate(&task, out, Some(number), threads)?,
-        Kind::Merge { out } => curate(&task, out, None, threads)?,
+        Kind::Sweep { folder } => sweep(&task, &desk(folder)?, folder, number, threads)?,
+        Kind::Train { run, device } => train(&task, &desk(run)?, run, device.as_deref(), threads)?,
+        Kind::Curate { out } => curate(&task, &desk(&Places::of(out).work)?, out, Some(number), threads)?,
+        Kind::Merge { out } => curate(&task, &desk(&Places::of(out).work)?, out, None, threads)?,
         Kind::Srun { arguments } => return srun(&task, arguments),
     };
     match done {
@@ -79,8 +83,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
 }
 
-fn sweep(task: &Task, folder: &Path, number: usize, threads: usize) -> Result<Done> {
-    let desk = Desk::reopen(folder, &[])?;
+fn sweep(task: &Task, desk: &Desk, folder: &Path, number: usize, threads: usize) -> Result<Done> {
     let plan = Plan::read(folder)?.with_context(|| format!("{}: no sweep here", folder.display()))?;
     let job = plan.jobs.get(number).with_context(|| format!("{}: no job {number}", folder.display()))?;
     let run = folder.join(&job.folder);
@@ -116,19 +119,15 @@ fn sweep(task: &Task, folder: &Path, number: usize, threads: usize) -> Result<Do
     Ok(if finished { Done::Well } else { Done::Failed })
 }
 
-fn train(task: &Task, run: &Path, device: Option<&str>, threads: usize) -> Result<Done> {
-    let desk = Desk::reopen(run, &[])?;
+fn train(task: &Task, desk: &Desk, run: &Path, device: Option<&str>, threads: usize) -> Result<Done> {
     if let Err(stuck) = task.begin(&desk.starts(0), &place(run), desk.config.patience)? {
         tell!("error: {stuck}");
         return Ok(Done::Failed);
     }
     let interrupt = Interrupt::listening();
-    // One that Slurm has just ended may not have let go yet.
-    while is_held(run) {
-        if interrupt.raised() {
-            return Ok(Done::Saved(interrupt.code()));
-        }
-        std::thread::sleep(Duration::from_millis(200));
+    let held = || tell!("another process is training in {}; it is waited for", run.display());
+    if !is_left(run, SOON, || interrupt.raised(), held) {
+        return Ok(Done::Saved(interrupt.code()));
     }
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let mut command = launched(&desk.config, &own);
@@ -142,11 +141,29 @@ fn train(task: &Task, run: &Path, device: Option<&str>, threads: usize) -> Resul
     attended(command, &interrupt)
 }
 
+/// A process that Slurm has just ended lets go of its run within this.
+const SOON: Duration = Duration::from_secs(5);
+
+/// Waits until nobody trains in a run's folder; false where it is to `stop` before. `held` tells of one that is there for
+/// longer than `soon`.
+fn is_left(run: &Path, soon: Duration, stop: impl Fn() -> bool, held: impl Fn()) -> bool {
+    let (begin, mut told) = (Instant::now(), false);
+    while is_held(run) {
+        if stop() {
+            return false;
+        }
+        if begin.elapsed() >= soon && !std::mem::replace(&mut told, true) {
+            held();
+        }
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    true
+}
+
 /// A part of a curation, or with no number the corpus of all parts.
-fn curate(task: &Task, out: &Path, number: Option<usize>, threads: usize) -> Result<Done> {
+fn curate(task: &Task, desk: &Desk, out: &Path, number: Option<usize>, threads: usize) -> Result<Done> {
     let places = Places::of(out);
-    let desk = Desk::reopen(&places.work, &[])?;
-    let order = Order::read(&desk)?;
+    let order = Order::read(desk)?;
     let (own_out, starts) = match number {
         Some(n) => (part(&places, n, order.parts), desk.starts(n)),
         None => (out.to_path_buf(), desk.starts(0)),
@@ -261,11 +278,27 @@ mod tests {
         for _ in 0..desk.config.patience {
             task.begin(&desk.starts(1), "step 0", desk.config.patience).unwrap().unwrap();
         }
-        assert!(matches!(sweep(&task, dir.path(), 1, 0).unwrap(), Done::Failed));
+        assert!(matches!(sweep(&task, &desk, dir.path(), 1, 0).unwrap(), Done::Failed));
         let State::Failed(reason) = State::of(dir.path(), &plan, &plan.jobs[1], &attempts(dir.path())) else {
             panic!("it is not given up");
         };
         assert!(reason.starts_with("train: it was begun 3 times at the same place (step 0)"), "{reason}");
+    }
+
+    #[test]
+    fn a_run_that_somebody_else_trains_is_waited_for_aloud() {
+        let dir = tempfile::tempdir().unwrap();
+        let told = std::cell::Cell::new(0);
+        let held = || told.set(told.get() + 1);
+        assert!(is_left(dir.path(), Duration::ZERO, || false, held) && told.get() == 0);
+        let lock = std::fs::File::create(dir.path().join(".lock")).unwrap();
+        lock.try_lock().unwrap();
+        let looks = std::cell::Cell::new(0);
+        let stop = || looks.replace(looks.get() + 1) == 3;
+        assert!(!is_left(dir.path(), Duration::ZERO, stop, held));
+        assert_eq!(told.get(), 1, "once");
+        looks.set(0);
+        assert!(!is_left(dir.path(), SOON, stop, held) && told.get() == 1, "it may have been ended just now");
     }
 
     #[test]
