@@ -111,6 +111,28 @@ impl Config {
         self
     }
 
+    /// The same where each table inside the one at a path says by `extends = []` that it was chosen anew, if it was: what
+    /// is read there and set over another config replaces what that one has, as it would have here.
+    ///
+    /// ```
+    /// # use riglab_config::{Config, Loader};
+    /// let presets = [("small.toml", "width = 256\n")];
+    /// let text = "[changes]\nmodel = { extends = 'small.toml' }\n";
+    /// let config = Loader::new().built_in(&presets).parse("a.toml", text, &[] as &[&str])?;
+    /// let changes: toml::Table = config.with_choices("changes").get_at("changes")?;
+    /// assert_eq!(changes["model"].to_string(), "{ extends = [], width = 256 }");
+    /// # Ok::<(), riglab_config::ConfigError>(())
+    /// ```
+    #[must_use]
+    pub fn with_choices(mut self, path: &str) -> Self {
+        let mut table = self.root().clone();
+        if let Some(node) = table.find_mut(path) {
+            node.value.tell_choices();
+        }
+        self.set_root(table);
+        self
+    }
+
     /// Refuses keys of this table that are not among `known`: for tables that are read one
     /// [`Config::table`] at a time.
     ///

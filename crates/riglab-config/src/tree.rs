@@ -64,7 +64,28 @@ impl PartialEq for Table {
     }
 }
 
+impl Node {
+    fn tell_choice(&mut self) {
+        match &mut self.value {
+            Value::Table(table) if table.anew => {
+                let node = Self { value: Value::Array(Vec::new()), origin: self.origin.clone() };
+                table.entries.insert("extends".into(), Entry { key: self.origin.clone(), node });
+            }
+            value => value.tell_choices(),
+        }
+    }
+}
+
 impl Value {
+    /// Has the tables inside say `extends = []` that were chosen anew, which goes without saying in one that was itself.
+    pub fn tell_choices(&mut self) {
+        match self {
+            Self::Table(table) => table.entries.values_mut().for_each(|entry| entry.node.tell_choice()),
+            Self::Array(nodes) => nodes.iter_mut().for_each(Node::tell_choice),
+            _ => {}
+        }
+    }
+
     /// For "should be .., but is ..".
     pub fn described(&self) -> String {
         match self {
@@ -124,6 +145,17 @@ impl Table {
         steps.try_fold(&self.entries.get(&first)?.node, |node, step| match (&node.value, step) {
             (Value::Table(t), Step::Key(key)) => t.entries.get(&key).map(|e| &e.node),
             (Value::Array(a), Step::Index(at)) => a.get(at),
+            _ => None,
+        })
+    }
+
+    /// The value at a path, to be changed.
+    pub fn find_mut(&mut self, path: &str) -> Option<&mut Node> {
+        let mut steps = key::steps(path).into_iter();
+        let Step::Key(first) = steps.next()? else { return None };
+        steps.try_fold(&mut self.entries.get_mut(&first)?.node, |node, step| match (&mut node.value, step) {
+            (Value::Table(t), Step::Key(key)) => t.entries.get_mut(&key).map(|e| &mut e.node),
+            (Value::Array(a), Step::Index(at)) => a.get_mut(at),
             _ => None,
         })
     }

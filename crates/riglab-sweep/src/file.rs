@@ -141,12 +141,13 @@ impl SweepFile {
     /// The first of `sets` that is of a key in which points or seeds differ, and that key.
     pub(crate) fn overridden<'a>(&self, sets: &'a [String]) -> Option<(&'a str, String)> {
         let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
-        let own: Vec<&String> =
-            of_arms.chain(self.product.keys()).chain(self.zip.keys()).chain([&self.seed_key]).collect();
+        let own: Vec<&String> = of_arms.chain(self.product.keys()).chain(self.zip.keys()).collect();
         let of = |set: &'a String| {
-            let keys = leaves(set);
-            let hit = own.iter().find(|own| keys.iter().any(|key| same(own, key)))?;
-            Some((set.as_str(), (*hit).clone()))
+            let (keys, replaced) = (leaves(set), replaced(set));
+            let hit = own.iter().find(|own| replaced.iter().any(|key| same(own, key))).copied();
+            // Seeds come last: a table that is chosen anew does not hide them.
+            let hit = hit.or_else(|| keys.iter().any(|key| same(&self.seed_key, key)).then_some(&self.seed_key))?;
+            Some((set.as_str(), hit.clone()))
         };
         sets.iter().find_map(of)
     }
@@ -154,12 +155,10 @@ impl SweepFile {
     /// A key whose value in one place of the file is hidden from every run by another: the key and both places.
     pub(crate) fn hidden(&self) -> Option<(String, &'static str, &'static str)> {
         let one = |set: &BTreeMap<String, Value>| -> Vec<String> {
-            set.iter().flat_map(|(key, v)| leaves(&format!("{key}={v}"))).collect()
+            set.iter().map(|(key, v)| format!("{key}={v}")).collect()
         };
         let all = |grid: &BTreeMap<String, Vec<Value>>| -> Vec<String> {
-            grid.iter()
-                .flat_map(|(key, values)| values.iter().flat_map(move |v| leaves(&format!("{key}={v}"))))
-                .collect()
+            grid.iter().flat_map(|(key, values)| values.iter().map(move |v| format!("{key}={v}"))).collect()
         };
         let seeds = [(self.seed_key.clone(), "sweep.seeds")];
         // In the order in which they are set, so that the last one counts.
@@ -170,14 +169,15 @@ impl SweepFile {
             ("sweep.product", all(&self.product)),
             ("sweep.zip", all(&self.zip)),
         ];
-        own.iter().enumerate().find_map(|(k, (place, keys))| {
+        own.iter().enumerate().find_map(|(k, (place, sets))| {
             // What all runs have by default may be another in some.
             let later = own.iter().skip(if k == 0 { own.len() } else { k + 1 });
-            let later = later.flat_map(|(place, keys)| keys.iter().map(|key| (key.clone(), *place)));
+            let later =
+                later.flat_map(|(place, sets)| sets.iter().flat_map(|set| replaced(set)).map(|key| (key, *place)));
             let later: Vec<(String, &str)> = later.chain(seeds.clone()).collect();
-            keys.iter().find_map(|key| {
-                let (_, hides) = later.iter().find(|(other, _)| same(key, other))?;
-                Some((key.clone(), *place, *hides))
+            sets.iter().flat_map(|set| leaves(set)).find_map(|key| {
+                let (_, hides) = later.iter().find(|(other, _)| same(&key, other))?;
+                Some((key, *place, *hides))
             })
         })
     }
@@ -189,22 +189,72 @@ fn same(one: &str, other: &str) -> bool {
     one == other || within(one, other) || within(other, one)
 }
 
-/// The keys that `KEY=VALUE` sets: those of a table one by one, as tables are merged.
+/// The key by which a table says that it is chosen anew.
+pub(crate) const CHOICE: &str = "extends";
+
+/// The keys that `KEY=VALUE` gives values: those of a table one by one, as tables are merged.
 fn leaves(set: &str) -> Vec<String> {
-    fn add(key: &str, value: &Value, out: &mut Vec<String>) {
+    let mut out = keys(set, false);
+    out.retain(|key| key.rsplit('.').next() != Some(CHOICE));
+    out
+}
+
+/// The keys whose values from before `KEY=VALUE` replaces, with all that is below them: where a table is chosen anew, its
+/// own.
+fn replaced(set: &str) -> Vec<String> {
+    let above = |key: String| match key.strip_suffix(CHOICE).and_then(|above| above.strip_suffix('.')) {
+        Some(above) => above.to_owned(),
+        None => key,
+    };
+    keys(set, true).into_iter().map(above).collect()
+}
+
+/// Keys of `KEY=VALUE`, those of a table one by one, but for tables that are chosen anew where they are asked for `whole`.
+fn keys(set: &str, whole: bool) -> Vec<String> {
+    fn add(key: &str, value: &Value, whole: bool, out: &mut Vec<String>) {
         match value {
-            Value::Table(table) => table.iter().for_each(|(own, value)| add(&format!("{key}.{own}"), value, out)),
+            Value::Table(table) if !(whole && table.contains_key(CHOICE)) => {
+                table.iter().for_each(|(own, value)| add(&format!("{key}.{own}"), value, whole, out));
+            }
             _ => out.push(key.to_owned()),
         }
     }
-    let (key, value) = set.split_once('=').unwrap_or((set, ""));
-    let (key, mut out) = (key.trim(), Vec::new());
-    // A word without quotes is no TOML, and no table either.
-    match toml::from_str::<toml::Table>(&format!("v = {value}")) {
-        Ok(table) => add(key, &table["v"], &mut out),
-        Err(_) => out.push(key.to_owned()),
+    let (key, value) = split(set);
+    let mut out = Vec::new();
+    match value {
+        Some(value) => add(key, &value, whole, &mut out),
+        None => out.push(key.to_owned()),
     }
     out
+}
+
+/// The key and the value of `KEY=VALUE`; a word without quotes is no TOML, and no table either.
+fn split(set: &str) -> (&str, Option<Value>) {
+    let (key, value) = set.split_once('=').unwrap_or((set, ""));
+    let table = toml::from_str::<toml::Table>(&format!("v = {value}")).ok();
+    (key.trim(), table.and_then(|mut table| table.remove("v")))
+}
+
+/// A value without the word that a table is chosen anew.
+pub(crate) fn unsaid(value: &Value) -> Value {
+    match value {
+        Value::Table(table) => {
+            let said = |key: &str, value: &Value| key == CHOICE && value.as_array().is_some_and(Vec::is_empty);
+            let rest = table.iter().filter(|(key, value)| !said(key, value));
+            Value::Table(rest.map(|(key, value)| (key.clone(), unsaid(value))).collect())
+        }
+        Value::Array(values) => Value::Array(values.iter().map(unsaid).collect()),
+        other => other.clone(),
+    }
+}
+
+/// Whether two changes are the same but for the word that tables are chosen anew, which earlier versions left out.
+pub(crate) fn alike(one: &str, other: &str) -> bool {
+    let plain = |set| {
+        let (key, value) = split(set);
+        Some((key, unsaid(&value?)))
+    };
+    one == other || plain(one).is_some_and(|one| Some(one) == plain(other))
 }
 
 impl MetricOf {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
+use crate::file::{alike, unsaid};
 use crate::values::fault;
 use crate::{SweepError, SweepFile};
 
@@ -196,6 +197,13 @@ impl Job {
     pub fn shown(&self) -> String {
         format!("`{}`, seed {}", self.point, self.seed)
     }
+
+    /// Whether it is the same as another, which an earlier version may have listed: that did not say of which tables a
+    /// change is chosen anew.
+    pub fn is(&self, other: &Self) -> bool {
+        let sets = self.sets.len() == other.sets.len() && self.sets.iter().zip(&other.sets).all(|(a, b)| alike(a, b));
+        sets && *self == Self { sets: self.sets.clone(), ..other.clone() }
+    }
 }
 
 struct Point {
@@ -211,7 +219,7 @@ impl Point {
         for (key, value) in values {
             let own = key.rsplit('.').next().unwrap_or(key);
             let gap = if name.is_empty() { "" } else { ", " };
-            name += &format!("{gap}{own}={}", shown(value));
+            name += &format!("{gap}{own}={}", shown(&unsaid(value)));
             sets.push(format!("{key}={value}"));
         }
         Self { name, base: self.base.clone(), sets }
@@ -307,6 +315,45 @@ pub(crate) mod tests {
         for set in ["train.steps=3", "model.widths=3", "loss.bce=1", "train={ steps = 3 }", "a.y=word"] {
             assert!(of(set).is_ok(), "{set}");
         }
+        // Another block leaves nothing of a table; seeds come after it.
+        for (set, key) in [
+            ("model={ extends = 'm.toml' }", "model.width"),
+            ("model.extends='m.toml'", "model.width"),
+            ("loss={ extends = [], bce = 1 }", "loss.dice"),
+        ] {
+            assert!(of(set).unwrap_err().contains(&format!("the sweep itself sets `{key}`")), "{set}");
+        }
+        for set in ["train={ extends = 't.toml' }", "model.encoder={ extends = 'm.toml' }", "eval.extends='e.toml'"] {
+            assert!(of(set).is_ok(), "{set}");
+        }
+        assert!(of("train={ extends = 't.toml', seed = 3 }").unwrap_err().contains("`train.seed`"));
+    }
+
+    #[test]
+    fn a_block_that_is_chosen_takes_the_place_of_the_former() {
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\nset = { loss = { extends = [] } }\n\
+                    [sweep.product]\nmodel = [{ extends = [], width = 1 }, { extends = [], width = 2 }]\n";
+        // Read as JSON, as the word would be resolved where it is written.
+        let choose = |text: &str| {
+            let table: toml::Table = toml::from_str(text).unwrap();
+            Plan::new(table["sweep"].clone().try_into().unwrap(), &[])
+        };
+        let plan = choose(text).unwrap();
+        let names = ["model={ width = 1 }", "model={ width = 2 }"];
+        assert_eq!((plan.names(), plan.jobs[0].sets[0].as_str()), (names.to_vec(), "loss={ extends = [] }"));
+        assert_eq!(plan.jobs[1].sets[1], "model={ extends = [], width = 2 }");
+        // An earlier version listed the same without the word.
+        let earlier = Job {
+            sets: vec!["loss={}".into(), format!("{}", names[1]), plan.jobs[1].sets[2].clone()],
+            ..plan.jobs[1].clone()
+        };
+        assert!(plan.jobs[1].is(&earlier) && earlier.is(&plan.jobs[1]) && !plan.jobs[0].is(&earlier));
+        assert!(!plan.jobs[1].is(&Job { base: "c".into(), ..earlier }));
+        // It hides what is set before it.
+        let hidden = "[sweep]\nbase = 'b'\nseeds = [1]\n[[sweep.arms]]\nname = 'n'\nset = { 'model.depth' = 3 }\n\
+                      [sweep.product]\nmodel = [{ extends = [], width = 1 }]\n";
+        let said = choose(hidden).unwrap_err().to_string();
+        assert!(said.starts_with("`sweep.arms` sets `model.depth`, and `sweep.product` sets it again"), "{said}");
     }
 
     #[test]

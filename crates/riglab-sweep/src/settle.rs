@@ -89,7 +89,7 @@ impl Plan {
         let (old, added) = self.jobs.split_at(before.len());
         let mut replaced = Vec::new();
         for (before, job) in before.iter().zip(old) {
-            if before != job {
+            if !before.is(job) {
                 replaced.push((job, config(job)?));
                 continue;
             }
@@ -119,7 +119,7 @@ impl Plan {
             return Some(format!("it has {} jobs, this one {}", self.jobs.len(), new.jobs.len()));
         }
         let corrected = |a: &Job, b: &Job| failed.contains(&a.number) && a.folder == b.folder && a.seed == b.seed;
-        let changed = |(a, b): &(&Job, &Job)| a != b && !corrected(a, b);
+        let changed = |(a, b): &(&Job, &Job)| !a.is(b) && !corrected(a, b);
         if let Some((a, b)) = self.jobs.iter().zip(&new.jobs).find(changed) {
             let shown = |j: &Job| format!("`{}` seed {} ({} {})", j.point, j.seed, j.base, j.sets.join(" "));
             return Some(format!("its job {} is {}, here {}", a.number, shown(a), shown(b)));

@@ -329,7 +329,7 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
         let message = "a grid is [sweep.product] here: did you mean `product`?";
         return Err(config.invalid("sweep.grid", message).into());
     }
-    let mut file: SweepFile = config.get_at("sweep")?;
+    let mut file = file_of(&config)?;
     // Where each arm has its own, that of the sweep is not read.
     let used = file.arms.is_empty() || file.arms.iter().any(|arm| arm.base.is_none());
     let arms = file.arms.iter_mut().enumerate();
@@ -358,6 +358,14 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
     };
     let desk = asked(Desk::new(&folder, slurm)?, args, &plan, threads);
     Ok((plan, folder, desk))
+}
+
+/// The table `[sweep]`. Its changes say of which tables they choose another block: jobs have nothing of the former one.
+fn file_of(config: &Config) -> Result<SweepFile, ConfigError> {
+    let arms = config.get_at::<SweepFile>("sweep")?.arms.len();
+    let places = ["set", "product", "zip"].into_iter().map(|place| format!("sweep.{place}"));
+    let places = places.chain((0..arms).map(|arm| format!("sweep.arms[{arm}].set")));
+    places.fold(config.clone(), |config, place| config.with_choices(&place)).get_at("sweep")
 }
 
 /// Refuses changes of single jobs, or of all, that are about a cluster: its array asks for the same for each of them.
@@ -579,6 +587,42 @@ mod tests {
         assert!(nowhere.contains(&format!("`{tried}`")) && nowhere.contains("built-in"), "{nowhere}");
         assert_eq!(said("base_of_it.toml").unwrap(), shown(&folder.path().join("base_of_it.toml")));
         assert_eq!(said("quickstart/fsq_cvae.toml").unwrap(), "quickstart/fsq_cvae.toml");
+    }
+
+    #[test]
+    fn blocks_that_a_sweep_chooses_leave_nothing_of_the_former() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("s.toml");
+        let text = "[sweep]\nbase = 'quickstart/unirig_skeleton.toml'\nseeds = [0]\n\
+                    set = { 'data.corpora' = ['c.h5'] }\n\
+                    [[sweep.arms]]\nname = 'other'\nset = { augment = { extends = 'augment/unirig_ar.toml' } }\n\
+                    [[sweep.arms]]\nname = 'none'\nset = { augment = { extends = [] } }\n";
+        std::fs::write(&file, text).unwrap();
+        let plan = Plan::new(file_of(&presets::load(&shown(&file), &[]).unwrap()).unwrap(), &[]).unwrap();
+        let of = |job: &Job| settings_of(&job.base, &job.sets).unwrap().to_toml().unwrap();
+        let by_hand = |set: &str| {
+            let sets = ["data.corpora=['c.h5']", set, "train.seed=0"].map(String::from);
+            settings_of("quickstart/unirig_skeleton.toml", &sets).unwrap().to_toml().unwrap()
+        };
+        assert_eq!(of(&plan.jobs[0]), by_hand("augment={ extends = 'augment/unirig_ar.toml' }"));
+        assert_eq!(of(&plan.jobs[1]), by_hand("augment={ extends = [] }"));
+        assert!(![&plan.jobs[0], &plan.jobs[1]].map(of).contains(&by_hand("train.seed=0")));
+        // Jobs of an earlier version have the former block, too, where that says what this one does not.
+        let out = folder.path().join("out");
+        let mut earlier = plan.clone();
+        let word = "extends = []";
+        for set in earlier.jobs.iter_mut().flat_map(|job| &mut job.sets).filter(|set| set.contains(word)) {
+            *set = set.replace(&format!("{word}, "), "").replace(&format!(", {word}"), "").replace(word, "");
+        }
+        earlier.settle(&out, settled::configs(&out).unwrap()).unwrap();
+        let said = plan.fits(&out, settled::configs(&out).unwrap()).unwrap_err().to_string();
+        assert!(said.contains("`other`, seed 0 has augment."), "{said}");
+        // What came to the same joins them.
+        for job in &plan.jobs {
+            std::fs::write(plan.config(&out, job), of(job)).unwrap();
+        }
+        plan.settle(&out, settled::configs(&out).unwrap()).unwrap();
+        assert_eq!(Plan::read(&out).unwrap().unwrap(), plan);
     }
 
     #[test]

@@ -22,7 +22,7 @@ pub fn configs(folder: &Path) -> Result<impl Fn(&Job) -> Result<String, SweepErr
     Ok(move |job: &Job| {
         let whole = || {
             let mut own = settings_of(&job.base, &job.sets)?;
-            if let Some(plan) = there.as_ref().filter(|there| there.jobs.contains(job))
+            if let Some(plan) = there.as_ref().filter(|there| there.jobs.iter().any(|old| old.is(job)))
                 && own.left().next().is_some()
             {
                 own.settle_as(&mut written(plan, folder, job)?);
