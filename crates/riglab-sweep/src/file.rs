@@ -152,6 +152,23 @@ impl SweepFile {
         sets.iter().find_map(of)
     }
 
+    /// A number that is infinite or none, and its key: a folder could not keep it, nor could anyone compute with it.
+    pub(crate) fn unkept(&self) -> Option<(String, f64)> {
+        let one = |place: &str, set: &BTreeMap<String, Value>| -> Vec<(String, Option<f64>)> {
+            set.iter().map(|(key, value)| (format!("{place}.{key:?}"), strange(value))).collect()
+        };
+        let all = |place: &str, grid: &BTreeMap<String, Vec<Value>>| -> Vec<(String, Option<f64>)> {
+            grid.iter().map(|(key, values)| (format!("{place}.{key:?}"), values.iter().find_map(strange))).collect()
+        };
+        let arms = self.arms.iter().enumerate();
+        let figures = self.figures.iter().enumerate();
+        let places = figures.map(|(k, f)| (format!("figures[{k}].at"), f.at.iter().copied().find(|x| !x.is_finite())));
+        let own = [("memory_gb".to_owned(), Some(self.memory_gb).filter(|x| !x.is_finite()))].into_iter();
+        let own = own.chain(one("set", &self.set)).chain(all("product", &self.product)).chain(all("zip", &self.zip));
+        let own = own.chain(arms.flat_map(|(k, arm)| one(&format!("arms[{k}].set"), &arm.set))).chain(places);
+        own.filter_map(|(key, number)| Some((key, number?))).next()
+    }
+
     /// A key whose value in one place of the file is hidden from every run by another: the key and both places.
     pub(crate) fn hidden(&self) -> Option<(String, &'static str, &'static str)> {
         let one = |set: &BTreeMap<String, Value>| -> Vec<String> {
@@ -233,6 +250,16 @@ fn split(set: &str) -> (&str, Option<Value>) {
     let (key, value) = set.split_once('=').unwrap_or((set, ""));
     let table = toml::from_str::<toml::Table>(&format!("v = {value}")).ok();
     (key.trim(), table.and_then(|mut table| table.remove("v")))
+}
+
+/// A number of a value that is infinite or none.
+fn strange(value: &Value) -> Option<f64> {
+    match value {
+        Value::Float(x) => Some(*x).filter(|x| !x.is_finite()),
+        Value::Array(values) => values.iter().find_map(strange),
+        Value::Table(table) => table.values().find_map(strange),
+        _ => None,
+    }
 }
 
 /// A value without the word that a table is chosen anew.

@@ -56,6 +56,12 @@ impl Plan {
         if let Some(k) = sweep.metrics.iter().position(|m| m.digits > DIGITS) {
             return at(format!("metrics[{k}].digits"), format!("{}; give at most {DIGITS}", sweep.metrics[k].digits));
         }
+        if let Some((key, number)) = sweep.unkept() {
+            return at(key, format!("{number} is no number to compute with; give a finite one"));
+        }
+        if sweep.memory_gb < 0.0 {
+            return at("memory_gb".into(), format!("{}; give gigabytes, or 0 where it is not known", sweep.memory_gb));
+        }
         let different: BTreeSet<u64> = sweep.seeds.iter().copied().collect();
         if different.len() != sweep.seeds.len() {
             return invalid("`sweep.seeds` has a seed twice".into());
@@ -283,6 +289,19 @@ pub(crate) mod tests {
         assert!(fault("seeds = [1]\n[sweep.product]\nx = []").contains("no values"));
         assert!(fault("seeds = [1]\n[sweep.zip]\nx = [1]\ny = [1, 2]").contains("`x` has 1 values and `y` 2"));
         let figure = "seeds = [1]\n[[sweep.figures]]\ntitle = 'IoU'\nx = 'codes'\n";
+        // A folder could not keep them.
+        for (more, key) in [
+            ("seeds = [1]\nmemory_gb = inf".to_owned(), "memory_gb"),
+            (format!("{figure}at = [4, nan]\nof = 'eval/iou{{}}'"), "figures[0].at"),
+            ("seeds = [1]\nset = { 'a.b' = [{ c = inf }] }".to_owned(), "set.\"a.b\""),
+            ("seeds = [1]\n[[sweep.arms]]\nname = 'a'\nset = { a = { b = nan } }".to_owned(), "arms[0].set.\"a\""),
+            ("seeds = [1]\n[sweep.product]\n'a.b' = [1.0, -inf]".to_owned(), "product.\"a.b\""),
+            ("seeds = [1]\n[sweep.zip]\n'a.b' = [inf]".to_owned(), "zip.\"a.b\""),
+        ] {
+            let said = fault(&more);
+            assert!(said.starts_with(&format!("`sweep.{key}`: ")) && said.ends_with("give a finite one"), "{said}");
+        }
+        assert!(fault("seeds = [1]\nmemory_gb = -2.0").starts_with("`sweep.memory_gb`: -2; give gigabytes"));
         assert!(fault(&format!("{figure}at = []\nof = 'eval/iou{{}}'")).contains("\"IoU\" needs places in `at`"));
         assert!(fault(&format!("{figure}at = [4]\nof = 'eval/iou'")).contains("`{}` in `of`"));
         let twice = fault("seeds = [1]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'a'");
