@@ -116,10 +116,7 @@ impl Plan {
         }
         let mut folders = BTreeSet::new();
         for point in points {
-            let own = slug(&point.name);
-            // Names may differ in signs that folders do not have.
-            let named = |again: usize| if again == 1 { own.clone() } else { format!("{own}-{again}") };
-            let folder = (1..).map(named).find(|f| !folders.contains(f)).unwrap_or_default();
+            let folder = free_folder(&point.name, &folders);
             folders.insert(folder.clone());
             for &seed in &plan.sweep.seeds {
                 let seeded = format!("{}={seed}", plan.sweep.seed_key);
@@ -129,7 +126,7 @@ impl Plan {
                     seed,
                     base: point.base.clone(),
                     sets: point.sets.iter().chain(sets).cloned().chain([seeded]).collect(),
-                    folder: format!("jobs/{folder}/seed-{seed}"),
+                    folder: run_folder(&folder, seed),
                 });
             }
         }
@@ -204,6 +201,11 @@ impl Job {
         format!("`{}`, seed {}", self.point, self.seed)
     }
 
+    /// The folder of its point, within `jobs`.
+    pub(crate) fn point_folder(&self) -> &str {
+        self.folder.split('/').nth(1).unwrap_or_default()
+    }
+
     /// Whether it is the same as another, which an earlier version may have listed: that did not say of which tables a
     /// change is chosen anew.
     pub fn is(&self, other: &Self) -> bool {
@@ -234,6 +236,18 @@ impl Point {
 
 fn shown(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
+}
+
+/// A run's folder, below the sweep's, in that of its point.
+pub(crate) fn run_folder(point: &str, seed: u64) -> String {
+    format!("jobs/{point}/seed-{seed}")
+}
+
+/// A folder for a point beside those that are taken: names may differ in signs that folders do not have.
+pub(crate) fn free_folder(point: &str, taken: &BTreeSet<String>) -> String {
+    let own = slug(point);
+    let named = |again: usize| if again == 1 { own.clone() } else { format!("{own}-{again}") };
+    (1..).map(named).find(|folder| !taken.contains(folder)).unwrap_or_default()
 }
 
 /// A folder's name.

@@ -1,11 +1,12 @@
 //! A plan in its folder: written, read, and followed by one with more jobs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use riglab_config::Config;
 
 use crate::attempts::{again, attempts};
+use crate::plan::{free_folder, run_folder};
 use crate::state::info;
 use crate::{Job, Plan, State, SweepError};
 
@@ -19,7 +20,15 @@ impl Plan {
         if there.jobs.iter().all(|old| self.jobs.iter().any(|job| same(old, job))) {
             // Those that are added stay in their order.
             self.jobs.sort_by_key(|job| place(job).unwrap_or(usize::MAX));
-            (0..).zip(&mut self.jobs).for_each(|(number, job)| job.number = number);
+            let known = there.jobs.iter().map(|old| (old.point.clone(), old.point_folder().to_owned()));
+            let mut folders: BTreeMap<String, String> = known.collect();
+            let mut taken: BTreeSet<String> = folders.values().cloned().collect();
+            for (number, job) in (0..).zip(&mut self.jobs) {
+                // A point keeps its folder, whichever come before it now that would have the same.
+                let folder = folders.entry(job.point.clone()).or_insert_with(|| free_folder(&job.point, &taken));
+                taken.insert(folder.clone());
+                (job.number, job.folder) = (number, run_folder(folder, job.seed));
+            }
         }
         self
     }
@@ -243,6 +252,12 @@ mod tests {
         assert_eq!(jobs[..5], [(0, "a", 0), (1, "a", 1), (2, "b", 0), (3, "b", 1), (4, "new", 0)]);
         assert_eq!(jobs[5..], [(5, "new", 1), (6, "new", 2), (7, "a", 2), (8, "b", 2)]);
         assert_eq!((&more.jobs[..4], more.names()), (&there.jobs[..], vec!["a", "b", "new"]));
+        // Names that come to the same folder: what is there keeps its own.
+        let (one, two) = (of("[0]", &["λ=1"]), of("[0, 1]", &["μ=1", "λ=1", "1"]));
+        let jobs = two.following(&one).jobs;
+        let folders: Vec<(&str, &str)> = jobs.iter().map(|j| (j.point.as_str(), j.folder.as_str())).collect();
+        assert_eq!(folders[..2], [("λ=1", "jobs/1/seed-0"), ("μ=1", "jobs/1-2/seed-0")]);
+        assert_eq!(folders[3..], [("λ=1", "jobs/1/seed-1"), ("1", "jobs/1-3/seed-0"), ("1", "jobs/1-3/seed-1")]);
         // Of another sweep, nothing moves.
         let other = of("[0, 2]", &["a", "b"]);
         assert_eq!(other.clone().following(&there), other);
