@@ -128,16 +128,19 @@ fn what_does_not_belong_to_a_sweep_is_refused_before_anything_is_written() {
     write("1", "");
     refused(&["holds another sweep", "seed 0"]);
     write("0", arm);
+    // What failed may have failed by what its base says.
     config(dir.path(), &made, "[loss]\nbce = 3.0\n");
-    refused(&["`a`, seed 0 has loss.bce = 1.0, where it would now have 3.0", "put the old value back"]);
+    let tried = dry(&["--dry-run"]).output().unwrap();
+    assert!(String::from_utf8_lossy(&tried.stderr).contains("would be begun anew"), "{tried:?}");
 
     // As if the first job had been trained on another corpus of this name.
-    config(dir.path(), &made, "");
-    fs::rename(corpus(&dir.path().join("other"), 3), &made).unwrap();
     let run = out.join("jobs/a/seed-0");
     fs::create_dir_all(&run).unwrap();
     let info = format!("{{\"outcome\": \"finished\", \"data\": [[\"{}\", \"0123456789abcdef\", 3]]}}", made.display());
     fs::write(run.join("run.json"), info).unwrap();
+    refused(&["`a`, seed 0 has loss.bce = 1.0, where it would now have 3.0", "put the old value back"]);
+    config(dir.path(), &made, "");
+    fs::rename(corpus(&dir.path().join("other"), 3), &made).unwrap();
     refused(&["c.h5 has changed", "`a`, seed 0 read it", "0123456789ab, and `b`, seed 0", "put the old file back"]);
 
     // A folder's own jobs need no base any more.

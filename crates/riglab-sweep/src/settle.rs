@@ -82,8 +82,8 @@ impl Plan {
     /// What it changes in a folder. Writes nothing.
     ///
     /// # Errors
-    /// When the folder has another sweep, or jobs of which the same config would be another now: a job that is added would
-    /// differ from them in more than it says. When a job has no sound config.
+    /// When the folder has another sweep, or jobs that have not failed and of which the same config would be another now: a
+    /// job that is added would differ from them in more than it says. When a job has no sound config.
     pub fn fits(
         &self,
         folder: &Path,
@@ -105,8 +105,16 @@ impl Plan {
             // Read as a base, so that what it does not say is what it is run with: this version's default.
             let written =
                 Job { base: self.config(folder, job).to_string_lossy().into_owned(), sets: Vec::new(), ..job.clone() };
-            if let Some((before, after)) = changed(&config(&written)?, &config(job)?)? {
-                return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
+            let now = config(job)?;
+            let differs = config(&written).and_then(|written| changed(&written, &now));
+            match differs {
+                Ok(None) => {}
+                // What its base says may have been the fault.
+                _ if failed.contains(&job.number) => replaced.push((job, now)),
+                Ok(Some((before, after))) => {
+                    return Err(SweepError::Changed { folder: folder.into(), job: job.shown(), before, after });
+                }
+                Err(e) => return Err(e),
             }
         }
         let added = added.iter().map(|job| Ok((job, config(job)?))).collect::<Result<_, SweepError>>()?;
@@ -369,5 +377,20 @@ mod tests {
         assert_eq!(Plan::read(dir.path()).unwrap().unwrap(), of("[1, 2]"), "no arm was added");
         std::fs::write(&base, "[loss]\nbce = 1.0\n").unwrap();
         of("[1, 2, 3]").settle(dir.path(), config).unwrap();
+        // One that failed by what its base says is begun anew, once no job is left that is of it.
+        let fail = |job: usize| {
+            let attempt = Attempt { job, stage: "train".into(), reason: "no number".into(), given_up: true };
+            crate::record(dir.path(), &attempt).unwrap();
+        };
+        std::fs::write(&base, "[loss]\nbce = 2.0\n").unwrap();
+        [0, 1].into_iter().for_each(fail);
+        let said = of("[1, 2, 3]").settle(dir.path(), config).unwrap_err().to_string();
+        assert!(said.contains("`base`, seed 3 has loss.bce = 1.0, where it would now have 2.0"), "{said}");
+        fail(2);
+        let plan = of("[1, 2, 3]");
+        assert_eq!(plan.settle(dir.path(), config).unwrap().len(), 3);
+        assert!(std::fs::read_to_string(there(&plan)).unwrap().contains("bce = 2.0"));
+        let state = State::of(dir.path(), &plan, &plan.jobs[0], &attempts(dir.path()));
+        assert_eq!((state, plan.settle(dir.path(), config).unwrap().len()), (State::Waiting, 0));
     }
 }
