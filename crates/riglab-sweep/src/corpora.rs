@@ -20,38 +20,30 @@ pub(crate) fn corpora(info: &Value, evaluation: &Value) -> Corpora {
 }
 
 impl Plan {
-    /// Whether jobs that are still to be done, with `retry` failed ones among them, find the corpora that others have
-    /// read. `now` gives those that a job would read, by path and checksum, as far as they are there. Writes nothing.
+    /// Whether jobs that are still to be done, with those that failed and are begun `again`, find the corpora that others
+    /// have read. `now` gives those that a job would read, by path and checksum, as far as they are there. Writes nothing.
     ///
     /// # Errors
     /// When one has changed; what `now` has for an error.
     pub fn same_corpora(
         &self,
         folder: &Path,
-        retry: bool,
+        again: impl Fn(&Job) -> bool,
         mut now: impl FnMut(&Job) -> Result<Vec<(String, String)>, SweepError>,
     ) -> Result<(), SweepError> {
         let failed = attempts(folder);
-        let (mut before, mut left) = (BTreeMap::new(), Vec::new());
-        for job in &self.jobs {
-            let state = State::of(folder, self, job, &failed);
-            match state {
-                // Nothing of it is in the table; training that goes on compares its own corpora.
-                State::Failed(_) => left.extend(retry.then_some(job)),
-                State::Waiting | State::Interrupted(_) | State::Trained => left.push(job),
-                State::Running(_) | State::Finished => {}
-            }
-            if !matches!(state, State::Failed(_)) {
-                let run = folder.join(&job.folder);
-                for (path, sum) in corpora(&info(&run), &evaluation(&run).unwrap_or_default()) {
-                    before.entry(path).or_insert((sum, job));
-                }
+        let mut before = BTreeMap::new();
+        // Of one that failed nothing is in the table.
+        for job in self.jobs.iter().filter(|job| !matches!(State::of(folder, self, job, &failed), State::Failed(_))) {
+            let run = folder.join(&job.folder);
+            for (path, sum) in corpora(&info(&run), &evaluation(&run).unwrap_or_default()) {
+                before.entry(path).or_insert((sum, job));
             }
         }
         if before.is_empty() {
             return Ok(());
         }
-        for job in left {
+        for job in self.left(folder, again) {
             for (corpus, sum) in now(job)? {
                 let Some((other, by)) = before.get(&corpus).filter(|(other, _)| *other != sum) else { continue };
                 let (read, left) = (by.shown(), job.shown());
@@ -111,10 +103,14 @@ mod tests {
             std::fs::write(path, format!("{{\"data\": [[\"c.h5\", \"{sum}\", 12]]}}")).unwrap();
         };
         let check = |sum: &str, retry: bool| {
-            plan.same_corpora(dir.path(), retry, |_| Ok(vec![("c.h5".into(), sum.into()), ("d.h5".into(), "9".into())]))
+            plan.same_corpora(
+                dir.path(),
+                |_| retry,
+                |_| Ok(vec![("c.h5".into(), sum.into()), ("d.h5".into(), "9".into())]),
+            )
         };
         let mixed = || Results::read(dir.path(), &plan).mixed();
-        plan.same_corpora(dir.path(), false, |_| panic!("nothing was read yet")).unwrap();
+        plan.same_corpora(dir.path(), |_| false, |_| panic!("nothing was read yet")).unwrap();
         // A run that failed has nothing in the table.
         trained(4, "0000", "no room");
         for _ in 0..2 {

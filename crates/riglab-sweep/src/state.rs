@@ -8,7 +8,7 @@ use std::time::Duration;
 use riglab_report::speaks_for;
 use serde_json::Value;
 
-use crate::attempts::counted;
+use crate::attempts::{attempts, counted};
 use crate::{Attempt, Job, Plan, SweepError};
 
 /// Held by who trains in a run's folder, and by who evaluates it there. An evaluation has one of its own: a run may be
@@ -62,6 +62,19 @@ impl State {
         } else {
             Self::Waiting
         }
+    }
+}
+
+impl Plan {
+    /// The jobs that are still to be done and that nobody is at, with those that failed and are begun `again`.
+    pub fn left(&self, folder: &Path, again: impl Fn(&Job) -> bool) -> Vec<&Job> {
+        let known = attempts(folder);
+        let left = |job: &&Job| match State::of(folder, self, job, &known) {
+            State::Failed(_) => again(job),
+            State::Waiting | State::Interrupted(_) | State::Trained => true,
+            State::Running(_) | State::Finished => false,
+        };
+        self.jobs.iter().filter(left).collect()
     }
 }
 

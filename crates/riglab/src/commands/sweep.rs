@@ -248,7 +248,9 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<Strin
         }
     }
     let mut sums = BTreeMap::new();
-    plan.same_corpora(folder, retry, |job| {
+    // What failed and has other settings now is begun anew without being asked for.
+    let again = |job: &Job| retry || anew.contains(&job.shown());
+    plan.same_corpora(folder, again, |job| {
         let paths = job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         // Of one that cannot be opened its jobs tell.
         let sum = |path: PathBuf| {
