@@ -78,7 +78,7 @@ impl Results {
     }
 }
 
-fn short(sum: &str) -> String {
+pub(crate) fn short(sum: &str) -> String {
     sum.chars().take(12).collect()
 }
 

@@ -11,12 +11,13 @@
 //! with tables of mean and spread.
 //!
 //! Holds: every job has a row in the results, failed ones with the reason; jobs join others only where these would have
-//! the same settings and find the same corpora now, and runs of different corpora are named below their table. Only jobs
-//! that failed may get other settings; what they left is kept apart.
+//! the same settings and find the same corpora now, and runs of different corpora, or beside networks of the same name with
+//! other weights, are named below their table. Only jobs that failed may get other settings; what they left is kept apart.
 //! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
 
 mod absent;
 mod attempts;
+mod companions;
 mod comparable;
 mod corpora;
 mod error;

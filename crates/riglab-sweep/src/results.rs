@@ -130,7 +130,7 @@ impl Results {
         if let Some(sentence) = self.without_best() {
             table.note += &format!(" {sentence}.");
         }
-        if let Some(sentence) = self.mixed() {
+        for sentence in self.mixed().into_iter().chain(self.retrained()) {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
         }
         table

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use crate::companions::{Companions, companions};
 use crate::corpora::{Corpora, corpora};
 use crate::state::info;
 
@@ -20,6 +21,8 @@ pub(crate) struct Numbers {
     evaluated: BTreeMap<String, f64>,
     /// What it was trained and evaluated on.
     pub corpora: Corpora,
+    /// The networks that it had beside its own.
+    pub companions: Companions,
     /// Whether its evaluation is of a checkpoint though none was the run's best.
     pub without_best: bool,
 }
@@ -31,7 +34,9 @@ impl Numbers {
         let found = |of: &String| Some((of.clone(), at(&evaluation, of.strip_prefix(EVALUATION)?)?));
         let evaluated = asked.iter().filter_map(found).collect();
         let without_best = evaluation.pointer("/checkpoint/best").is_some_and(Value::is_null);
-        Self { last: last(run), evaluated, corpora: corpora(&info(run), &evaluation), without_best }
+        let info = info(run);
+        let (corpora, companions) = (corpora(&info, &evaluation), companions(run, &info));
+        Self { last: last(run), evaluated, corpora, companions, without_best }
     }
 
     /// The number that [`crate::MetricOf::of`] names; `None` where there is none.

@@ -10,6 +10,7 @@ use riglab_nn::params::Params;
 use riglab_train::unsound;
 use tch::Tensor;
 
+use crate::experiment::checksum;
 use crate::released::{Offered, plain_name};
 
 /// What a network took over.
@@ -88,6 +89,14 @@ pub fn take(params: &Params, parts: &[String], offered: &mut Offered<'_>) -> Res
     Ok(taken)
 }
 
+/// A checksum of the weights of `parts` (all, if none is named), as a network that took them begins with.
+pub fn taken(params: &Params, parts: &[String]) -> String {
+    let below = |name: &str, part: &str| name.strip_prefix(part).is_some_and(|rest| rest.starts_with('.'));
+    let within = |name: &str| parts.is_empty() || parts.iter().any(|part| below(name, part.trim_end_matches('.')));
+    let named = params.named(params.weights()).filter(|(name, _)| within(name));
+    checksum(named.map(|(name, tensor)| (name, tensor.shallow_clone())))
+}
+
 /// What stands before most of the wanted names.
 fn prefix(wanted: &BTreeMap<&str, &Tensor>, there: &BTreeMap<String, String>, before: &str) -> String {
     let mut hits: HashMap<&str, usize> = HashMap::new();
@@ -137,6 +146,20 @@ mod tests {
 
     fn values(params: &Params) -> Vec<f64> {
         params.named(params.weights()).map(|(_, t)| t.double_value(&[1, 2])).collect()
+    }
+
+    #[test]
+    fn a_checksum_tells_what_was_taken_and_nothing_else() {
+        let of = |points: f64, head: f64, parts: &[String]| {
+            let params = network();
+            let names = [("points.a.weight", points), ("points.b.weight", points), ("head.a.weight", head)];
+            take(&params, &[], &mut offered(&names, &[2, 3])).unwrap();
+            taken(&params, parts)
+        };
+        let part = ["points.".to_owned()];
+        assert_eq!(of(1.0, 2.0, &part), of(1.0, 3.0, &part), "the head is none of it");
+        assert_ne!(of(1.0, 2.0, &part), of(1.5, 2.0, &part));
+        assert_ne!(of(1.0, 2.0, &[]), of(1.0, 3.0, &[]));
     }
 
     #[test]

@@ -59,6 +59,10 @@ pub struct RunInfo {
     /// Networks that it computes with beside the trained one: the key that names each, and a checksum of its weights.
     #[serde(default)]
     pub companions: Vec<(String, String)>,
+    /// A checksum of the weights that it began with (`train.start`); empty where all were drawn, and where an earlier
+    /// version began it.
+    #[serde(default)]
+    pub start: String,
     /// Numbers in the network.
     pub parameters: usize,
     /// When it began, UTC.

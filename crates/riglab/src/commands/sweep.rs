@@ -277,6 +277,9 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     if let Some(sentence) = results.mixed() {
         tell!("warning: {sentence}; what differs may be the corpora's doing");
     }
+    for sentence in results.retrained() {
+        tell!("warning: {sentence}; what differs may be their doing");
+    }
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
         tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
     }

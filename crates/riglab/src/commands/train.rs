@@ -13,7 +13,7 @@ use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{built_on, seen, warning};
-use riglab_task::start::{LoadedPart, take};
+use riglab_task::start::{LoadedPart, take, taken};
 use riglab_train::{
     Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, same_companions, sides, train,
 };
@@ -366,6 +366,8 @@ impl Visitor for Session<'_> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
         trainable(&task, config)?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
+        let from = &config.train().start;
+        let start = (saved.is_none() && !from.is_none()).then(|| taken(task.params(), &from.parts));
         begun.extend(freeze(&task, config.train())?);
         if !ranks.leads() {
             let run = match place {
@@ -439,6 +441,9 @@ impl Visitor for Session<'_> {
         };
         info.data = data;
         info.companions = task.companions();
+        if let Some(start) = start {
+            info.start = start;
+        }
         info.parameters = task.params().numel();
         run.write_info(&info)?;
         let steps = config.train().steps;
