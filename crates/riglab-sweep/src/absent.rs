@@ -30,7 +30,8 @@ impl Results {
         asked.map(|(what, name, places)| sentence(what, name, &places[0], &runs, &example)).collect()
     }
 
-    /// A sentence for each figure that has numbers at some places and none at others, as far as finished runs tell.
+    /// A sentence for each figure that has numbers at some places and none at others, and for each of its lines that leaves
+    /// out places which some of its runs have, as far as finished runs tell.
     pub fn gaps(&self) -> Vec<String> {
         let runs: Vec<&Numbers> = self.finished().collect();
         let empty = |of: &String| runs.iter().all(|numbers| numbers.value(of).is_none());
@@ -42,7 +43,23 @@ impl Results {
                 format!("the figure `{}` has a gap at {}: no finished run has these", figure.title, missing.join(", "))
             })
         };
-        self.plan.sweep.figures.iter().filter_map(of).collect()
+        self.plan.sweep.figures.iter().flat_map(|figure| of(figure).into_iter().chain(self.partly(figure))).collect()
+    }
+
+    /// A sentence for each line of a figure that leaves out places which some of its runs have.
+    fn partly(&self, figure: &FigureOf) -> Vec<String> {
+        let line = |point: &str| {
+            let all = self.outcomes.iter().zip(&self.numbers);
+            let runs: Vec<&Numbers> =
+                all.filter(|(o, _)| o.point == point && o.state == "finished").map(|(_, numbers)| numbers).collect();
+            let having = |of: &String| runs.iter().filter(|run| run.value(of).is_some_and(f64::is_finite)).count();
+            let some = |of: &String| (1..runs.len()).contains(&having(of));
+            let places: Vec<String> =
+                figure.at.iter().zip(figure.places()).filter(|(_, of)| some(of)).map(|(x, _)| x.to_string()).collect();
+            let (title, places) = (&figure.title, (!places.is_empty()).then(|| places.join(", "))?);
+            Some(format!("the figure `{title}` leaves out {places} of `{point}`: not all of its finished runs have it"))
+        };
+        self.plan.names().into_iter().filter_map(line).collect()
     }
 
     fn finished(&self) -> impl Iterator<Item = &Numbers> {

@@ -32,17 +32,18 @@ pub(crate) fn spread(plan: &Plan, metrics: &[MetricOf], outcomes: &[Outcome]) ->
     (!dots.is_empty()).then_some(Block::Dots(dots))
 }
 
-/// The figures that the sweep's file asks for, a line a point, each place the mean over seeds.
+/// The figures that the sweep's file asks for, a line a point, each place the mean over seeds, of all finished ones: where
+/// one is missing, others would bend the line.
 pub(crate) fn figures(plan: &Plan, outcomes: &[Outcome], numbers: &[Numbers]) -> Option<Block> {
     let chart = |figure: &FigureOf| {
         let line = |point: &str| {
             let both = outcomes.iter().zip(numbers).filter(|(o, _)| o.point == point && o.state == "finished");
             let runs: Vec<&Numbers> = both.map(|(_, numbers)| numbers).collect();
             let mean = |(x, of): (&f64, String)| {
-                (*x, factor(&of) * Mean::of(&runs.iter().filter_map(|run| run.value(&of)).collect::<Vec<_>>()).mean)
+                let own: Vec<f64> = runs.iter().filter_map(|run| run.value(&of)).filter(|v| v.is_finite()).collect();
+                (!own.is_empty() && own.len() == runs.len()).then(|| (*x, factor(&of) * Mean::of(&own).mean))
             };
-            let means = figure.at.iter().zip(figure.places()).map(mean);
-            let points: Vec<_> = means.filter(|(_, y)| y.is_finite()).collect();
+            let points: Vec<_> = figure.at.iter().zip(figure.places()).filter_map(mean).collect();
             (!points.is_empty()).then(|| Series { name: point.into(), points })
         };
         let series: Vec<Series> = plan.names().into_iter().filter_map(line).collect();

@@ -94,7 +94,11 @@ impl Results {
             let [finished, failed] = ["finished", "failed"].map(|state| Cell::count(self.runs(point, state)));
             let mut cells = vec![Cell::text(point), finished, failed];
             for (k, metric) in self.metrics.iter().enumerate() {
-                let text = with_deviation(Cell::number, self.spread(point, k), metric.digits);
+                let own = self.spread(point, k);
+                let mut text = with_deviation(Cell::number, own, metric.digits);
+                if own.n > 0 && !self.is_whole(point, k) {
+                    text.text += &format!(" (n = {})", own.n);
+                }
                 let best = leads[k].is_some_and(|(best, lead)| {
                     best == point && metric.better.is_some_and(|better| lead.is_beyond_noise(better))
                 });
@@ -124,6 +128,12 @@ impl Results {
             table.note += " Columns are those of the last validation, as the sweep's file has no [[sweep.metrics]]: these name \
                            figures of the evaluations, too (`eval.json:`).";
         }
+        if let Some(sentence) = self.valueless() {
+            table.note += &format!(
+                " n: runs in a mean, where others have no finite value: {sentence}; a point of such a mean is not marked as \
+                 the best."
+            );
+        }
         if let Some(sentence) = self.not_comparable() {
             table.note += &format!(" No best is marked of what is not comparable between points: {sentence}.");
         }
@@ -134,6 +144,25 @@ impl Results {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
         }
         table
+    }
+
+    /// Which columns lack finished runs of a point, as these have no finite value there.
+    fn valueless(&self) -> Option<String> {
+        let of = |(k, metric): (usize, &MetricOf)| {
+            let partly = |point: &&str| !self.is_whole(point, k) && self.spread(point, k).n > 0;
+            let points: Vec<&str> = self.plan.names().into_iter().filter(partly).collect();
+            let own = self.outcomes.iter().filter(|o| o.state == "finished" && o.values[k].is_none());
+            let own = own.filter(|o| points.contains(&o.point.as_str()));
+            let own: Vec<String> = own.map(|o| format!("{}, seed {}", o.point, o.seed)).collect();
+            (!own.is_empty()).then(|| format!("{} ({})", metric.head(), own.join("; ")))
+        };
+        let own: Vec<String> = self.metrics.iter().enumerate().filter_map(of).collect();
+        (!own.is_empty()).then(|| own.join(", "))
+    }
+
+    /// Whether every finished run of a point has a value of a metric.
+    fn is_whole(&self, point: &str, metric: usize) -> bool {
+        self.spread(point, metric).n == self.runs(point, "finished")
     }
 
     /// Which runs were evaluated at their last step, as they have no best one.
@@ -160,6 +189,10 @@ impl Results {
             Better::Lower => a.1.total_cmp(&b.1),
         });
         let [(best, _), (next, _), ..] = means[..] else { return None };
+        // Runs without a value may be its worst.
+        if !self.is_whole(best, metric) {
+            return None;
+        }
         Some((best, self.difference(best, next, metric)))
     }
 
@@ -429,6 +462,45 @@ mod tests {
         );
         assert!(lines[1].starts_with("with,IoU,2,0,2,0.6,0.1414") && lines[1].ends_with(",,,,,,"), "{csv}");
         assert!(lines[2].starts_with("without,IoU,1,1,1,0.4,,with,1,-0.0999"), "{csv}");
+    }
+
+    #[test]
+    fn a_mean_of_fewer_runs_says_so_and_is_not_the_best() {
+        let of = |b: [f64; 3]| {
+            let dir = tempfile::tempdir().unwrap();
+            let text = "[sweep]\nbase = 'b'\nseeds = [1, 2, 3]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
+                [[sweep.metrics]]\nof = 'eval/iou@val'\nname = 'IoU'\nbetter = 'higher'\n\
+                [[sweep.figures]]\ntitle = 'by k'\nx = 'k'\nat = [4, 8]\nof = 'eval.json:rows[k={}].iou'\n";
+            let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+            let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+            for (job, iou) in plan.jobs.iter().zip([0.1, 0.2, 0.3].into_iter().chain(b)) {
+                let run = dir.path().join(&job.folder);
+                std::fs::create_dir_all(&run).unwrap();
+                // A value that is not finite is written as null.
+                let line = serde_json::json!({"step": 1, "eval/iou@val": iou}).to_string() + "\n";
+                std::fs::write(run.join("metrics.jsonl"), line).unwrap();
+                std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+                let eval = serde_json::json!({"rows": [{"k": 4, "iou": 0.5}, {"k": 8, "iou": iou}]});
+                std::fs::write(run.join("eval.json"), eval.to_string()).unwrap();
+            }
+            let results = Results::read(dir.path(), &plan);
+            let (table, drawn) = (results.table(), figures(&plan, &results.outcomes, &results.numbers));
+            let Some(Block::Charts(charts)) = drawn else { panic!("a figure is drawn") };
+            let lines = charts[0].series.iter().map(|line| line.points.len()).collect::<Vec<_>>();
+            (table.rows[1][3].clone(), table.note, lines, results.gaps())
+        };
+        let (cell, note, lines, gaps) = of([0.5, 0.6, 0.7]);
+        assert!(cell.strong && cell.text == "0.6000 ± 0.1000" && !note.contains("n:"), "{note}");
+        assert_eq!((lines, gaps.len()), (vec![2, 2], 0));
+        let (cell, note, lines, gaps) = of([0.5, f64::NAN, 0.6]);
+        assert!(!cell.strong && cell.text == "0.5500 ± 0.0707 (n = 2)", "{}", cell.text);
+        assert!(note.contains("no finite value: IoU (b, seed 2); a point") && !note.contains("none differs"), "{note}");
+        // Nor is a place of a figure the mean of some.
+        assert_eq!(lines, [2, 1]);
+        assert_eq!(gaps, ["the figure `by k` leaves out 8 of `b`: not all of its finished runs have it"]);
+        // Where none has any there is no mean to tell of.
+        let (cell, note, ..) = of([f64::NAN; 3]);
+        assert!(cell.text == "–" && !note.contains("n:"), "{note}");
     }
 
     #[test]
