@@ -458,10 +458,13 @@ fn unsound(job: &Job, e: &anyhow::Error) -> SweepError {
     SweepError::Invalid(format!("{}, seed {}: {e:#}", job.point, job.seed))
 }
 
-/// What runs a stage of a job: `riglab`, however it is started, with its arguments.
+/// What runs a stage of a job: `riglab`, however it is started, with its arguments. A training that goes on takes the threads
+/// that it was begun with, by itself.
 pub fn process(riglab: Command, threads: usize, config: &Path, stage: Stage, run: &Path) -> Command {
     let mut command = riglab;
-    command.arg("--threads").arg(threads.to_string());
+    if stage != Stage::Resume {
+        command.arg("--threads").arg(threads.to_string());
+    }
     match stage {
         Stage::Train => command.arg("train").arg(config).arg("--run").arg(run),
         Stage::Resume => command.args(["train", "--resume"]).arg(run),
@@ -572,6 +575,17 @@ mod tests {
         assert_eq!(asked(), format!("{} --checkpoint last", run.path().display()));
         std::fs::create_dir_all(best).unwrap();
         assert_eq!(asked(), run.path().display().to_string());
+    }
+
+    #[test]
+    fn a_run_that_goes_on_keeps_its_threads() {
+        let of = |stage| {
+            let command = process(Command::new("riglab"), 4, Path::new("c.toml"), stage, Path::new("run"));
+            command.get_args().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(of(Stage::Resume), "train --resume run");
+        assert_eq!(of(Stage::Train), "--threads 4 train c.toml --run run");
+        assert!(of(Stage::Evaluate).starts_with("--threads 4 eval run"));
     }
 
     #[test]

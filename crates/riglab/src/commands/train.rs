@@ -115,11 +115,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 
 /// What one of the processes does that train together.
 fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
-    let threads = match &args.resume {
-        Some(run) if threads == 0 && ranks.size() == 1 => as_begun(run),
-        _ => threads,
-    };
-    let threads = if threads == 0 && ranks.size() > 1 { processors(ranks)? } else { threads };
+    let threads = if threads == 0 { threads_of(args.resume.as_deref(), ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let device = device_of(args, ranks)?;
     let mut longer = None;
@@ -170,11 +166,23 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     config.with(device, Session { config: &config, place, longer, saved, threads, device, ranks })
 }
 
-/// The threads that a run was begun with, where there are as many; otherwise 0. Sums round by their number, and the run is
-/// to be what it would have been.
-fn as_begun(run: &Path) -> usize {
-    let all = std::thread::available_parallelism().map_or(1, usize::from);
-    let begun = RunInfo::of(run).map_or(0, |info| info.threads);
+/// The threads of each process without a word about them: those that a run was begun with, on as many processes, or what the
+/// machine gives them; 0 for all of it.
+fn threads_of(resumed: Option<&Path>, ranks: &Ranks) -> Result<usize> {
+    let alone = ranks.size() == 1;
+    let all = if alone { std::thread::available_parallelism().map_or(1, usize::from) } else { processors(ranks)? };
+    let begun = resumed.filter(|_| ranks.leads()).map_or(0, |run| as_begun(run, ranks.size(), all));
+    Ok(match ranks.told(begun)? {
+        0 if !alone => all,
+        begun => begun,
+    })
+}
+
+/// The threads that a run was begun with on so many processes, where there are as many; otherwise 0. Sums round by their
+/// number, and the run is to be what it would have been.
+fn as_begun(run: &Path, processes: usize, all: usize) -> usize {
+    let info = RunInfo::of(run).filter(|info| info.ranks.max(1) == processes);
+    let begun = info.map_or(0, |info| info.threads);
     if begun > 0 && begun < all {
         let (those, more) = (counted(begun, "thread"), counted(all, "thread"));
         tell!(
@@ -639,6 +647,18 @@ mod tests {
         assert_eq!(claimed, ["001", "003", "004", "005"].map(|n| runs.join(n)).into());
         std::fs::write(dir.path().join("file"), "").unwrap();
         assert!(claim(&dir.path().join("file")).unwrap_err().to_string().contains("file cannot be made"));
+    }
+
+    #[test]
+    fn a_run_goes_on_with_the_threads_that_it_was_begun_with() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |processes, all| as_begun(dir.path(), processes, all);
+        assert_eq!(of(1, 4), 0, "it does not say");
+        for (ranks, processes) in [(0, 1), (1, 1), (2, 2)] {
+            let info = RunInfo { threads: 2, ranks, ..RunInfo::default() };
+            std::fs::write(dir.path().join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
+            assert_eq!([of(processes, 4), of(processes, 2), of(processes, 1), of(processes + 1, 4)], [2, 2, 0, 0]);
+        }
     }
 
     #[test]

@@ -10,7 +10,7 @@ use riglab_curate::{Places, nothing_left};
 use riglab_files::was_asked;
 use riglab_slurm::{SlurmConfig, Task, attend, attend_steps};
 use riglab_sweep::{Attempt, Ended, Event, Job, Plan, Stage, State, attempts, is_held, record, run_one};
-use riglab_train::Interrupt;
+use riglab_train::{Interrupt, RunInfo};
 
 use super::Desk;
 use super::curate::{Order, part};
@@ -100,7 +100,10 @@ fn sweep(task: &Task, desk: &Desk, folder: &Path, number: usize, threads: usize)
     let threads = told.unwrap_or_else(|| processors(&desk.config));
     let command = |job: &Job, stage, run: &Path| {
         let trains = stage != Stage::Evaluate;
-        let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
+        let mut program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
+        if stage == Stage::Resume {
+            within(&mut program, run, processors(&desk.config));
+        }
         process(program, threads, &plan.config(folder, job), stage, run)
     };
     let interrupt = Interrupt::listening();
@@ -131,9 +134,14 @@ fn train(task: &Task, desk: &Desk, run: &Path, device: Option<&str>, threads: us
     }
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let mut command = launched(&desk.config, &own);
-    let threads = if threads > 0 { threads } else { processors(&desk.config) };
-    command.args(["--threads", &threads.to_string(), "train"]);
-    match run.join("config.toml").is_file() {
+    let goes_on = run.join("config.toml").is_file();
+    match threads {
+        0 if goes_on => within(&mut command, run, processors(&desk.config)),
+        0 => drop(command.args(["--threads", &processors(&desk.config).to_string()])),
+        told => drop(command.args(["--threads", &told.to_string()])),
+    }
+    command.arg("train");
+    match goes_on {
         true => command.arg("--resume").arg(run),
         false => command.arg(desk.file("config.toml")).arg("--run").arg(run),
     };
@@ -236,6 +244,15 @@ fn processors(config: &SlurmConfig) -> usize {
     }
 }
 
+/// Has a training that goes on keep within a task's processors, where it was begun with more threads or does not say with how
+/// many; otherwise it takes those that it was begun with, by itself.
+fn within(command: &mut Command, run: &Path, processors: usize) {
+    let begun = RunInfo::of(run).map_or(0, |info| info.threads);
+    if processors > 0 && (begun == 0 || begun > processors) {
+        command.args(["--threads", &processors.to_string()]);
+    }
+}
+
 fn is_trained(run: &Path) -> bool {
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
     serde_json::from_str(&text).is_ok_and(|v: serde_json::Value| v["outcome"] == "finished")
@@ -283,6 +300,20 @@ mod tests {
             panic!("it is not given up");
         };
         assert!(reason.starts_with("train: it was begun 3 times at the same place (step 0)"), "{reason}");
+    }
+
+    #[test]
+    fn a_run_goes_on_with_its_threads_within_the_tasks_processors() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |processors: usize| {
+            let mut command = Command::new("riglab");
+            within(&mut command, dir.path(), processors);
+            command.get_args().nth(1).map(|n| n.to_string_lossy().into_owned())
+        };
+        assert_eq!([of(0), of(4)], [None, Some("4".into())], "it does not say");
+        let info = RunInfo { threads: 2, ..RunInfo::default() };
+        std::fs::write(dir.path().join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
+        assert_eq!([of(0), of(1), of(2), of(8)], [None, Some("1".into()), None, None]);
     }
 
     #[test]
