@@ -29,10 +29,11 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// For a sweep whose jobs have `threads` threads (0: what the processors give `jobs` of them) on `cores`
+    /// For a sweep of `all` jobs that have `threads` threads (0: what the processors give those at a time) on `cores`
     /// processors (0: all); `jobs` (0: as many as fit) at a time, within `memory_gb` (0: nine tenths of what is free
     /// now).
-    pub fn new(jobs: usize, cores: usize, threads: usize, memory_gb: f64) -> Self {
+    pub fn new(jobs: usize, cores: usize, threads: usize, memory_gb: f64, all: usize) -> Self {
+        let most = all.max(1);
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let cores = if cores == 0 { all } else { cores };
         let jobs = match (jobs, threads) {
@@ -40,6 +41,8 @@ impl Budget {
             (0, t) => (cores / t).max(1),
             (j, _) => j,
         };
+        // Processors of those that would wait for nothing are for the others.
+        let jobs = jobs.min(most);
         let threads = if threads == 0 { (cores / jobs).max(1) } else { threads };
         let memory_gb = if memory_gb > 0.0 { memory_gb } else { 0.9 * free_gb().unwrap_or(f64::INFINITY) };
         Self { jobs, threads, memory_gb }
@@ -609,9 +612,13 @@ mod tests {
 
     #[test]
     fn budgets_follow_the_machine_and_the_wish() {
-        assert_eq!(Budget::new(0, 8, 2, 4.0), Budget { jobs: 4, threads: 2, memory_gb: 4.0 });
-        assert_eq!(Budget::new(3, 8, 0, 4.0), Budget { jobs: 3, threads: 2, memory_gb: 4.0 });
-        assert_eq!(Budget::new(0, 2, 0, 4.0), Budget { jobs: 2, threads: 1, memory_gb: 4.0 });
-        assert_eq!(Budget::new(5, 2, 0, 4.0).threads, 1);
+        assert_eq!(Budget::new(0, 8, 2, 4.0, 9), Budget { jobs: 4, threads: 2, memory_gb: 4.0 });
+        assert_eq!(Budget::new(3, 8, 0, 4.0, 9), Budget { jobs: 3, threads: 2, memory_gb: 4.0 });
+        assert_eq!(Budget::new(0, 2, 0, 4.0, 9), Budget { jobs: 2, threads: 1, memory_gb: 4.0 });
+        assert_eq!(Budget::new(5, 2, 0, 4.0, 9).threads, 1);
+        // Fewer jobs than processors leave none idle.
+        assert_eq!(Budget::new(0, 8, 0, 4.0, 3), Budget { jobs: 3, threads: 2, memory_gb: 4.0 });
+        assert_eq!(Budget::new(5, 8, 0, 4.0, 1), Budget { jobs: 1, threads: 8, memory_gb: 4.0 });
+        assert_eq!(Budget::new(0, 8, 2, 4.0, 1), Budget { jobs: 1, threads: 2, memory_gb: 4.0 });
     }
 }

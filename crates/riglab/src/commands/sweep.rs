@@ -165,7 +165,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         };
     }
     let threads = if threads > 0 { threads } else { plan.sweep.threads };
-    let budget = Budget::new(args.jobs, args.cores, threads, args.memory);
+    let budget = Budget::new(args.jobs, args.cores, threads, args.memory, plan.jobs.len());
     let total = plan.jobs.len() as u64;
     tell!(
         "{} in {}: {} at a time with {} each, within {:.1} GB",
