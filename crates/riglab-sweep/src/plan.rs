@@ -170,6 +170,11 @@ impl Plan {
         self.jobs.iter().map(|j| j.point.as_str()).filter(|name| seen.insert(*name)).collect()
     }
 
+    /// Whether its first jobs are those of another plan.
+    pub fn continues(&self, there: &Self) -> bool {
+        there.jobs.len() <= self.jobs.len() && there.jobs.iter().zip(&self.jobs).all(|(old, job)| old.is(job))
+    }
+
     /// Points that are the same runs: their names, of which the second has the settings of the first. `config`: of a job.
     ///
     /// # Errors

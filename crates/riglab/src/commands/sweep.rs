@@ -110,12 +110,15 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let (plan, folder, desk) = plan(name, args, threads)?;
     args.charts.as_deref().map_or(Ok(()), |figures| spare(figures, |name| may_be_called(&plan, name)))?;
     if args.status {
-        return status(&plan, &folder, args.watch);
+        return status(&there(plan, &folder)?, &folder, args.watch);
     }
     // A folder's own plan is settled: it goes on even where the files that it was made of are gone or others.
     let new = !Path::new(name).is_dir();
     if args.dry_run {
-        let anew = check(&plan, &folder, new, args.retry)?;
+        let anew = check(&plan, &folder, args)?;
+        if new {
+            tell_alike(&plan, &folder)?;
+        }
         if !anew.is_empty() {
             tell!("would be begun anew, as they had failed and have other settings now: {}", anew.join("; "));
         }
@@ -127,10 +130,16 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         }
         return Ok(ExitCode::SUCCESS);
     }
-    // A folder that is there may get more jobs: nobody else is at it then.
-    let held = folder.is_dir().then(|| hold(&folder)).transpose()?;
-    check(&plan, &folder, new, args.retry)?;
+    if !folder.is_dir() {
+        // What is refused leaves none behind.
+        check(&plan, &folder, args)?;
+        std::fs::create_dir_all(&folder).with_context(|| format!("{} cannot be made", folder.display()))?;
+    }
+    // Before anything is written: of two calls at once, one alone says which sweep it is.
+    let _held = hold(&folder)?;
+    check(&plan, &folder, args)?;
     if new {
+        tell_alike(&plan, &folder)?;
         let anew: Vec<String> =
             plan.settle(&folder, settled::configs(&folder)?)?.iter().map(|job| job.shown()).collect();
         if !anew.is_empty() {
@@ -141,7 +150,6 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             );
         }
     }
-    let _held = held.map_or_else(|| hold(&folder), Ok)?;
     if args.retry {
         tell!("{}: tried again", counted(retry(&folder, &plan)?, "failed job"));
     }
@@ -203,6 +211,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     conclude(&plan, &folder, args, "")
 }
 
+/// The plan whose jobs a folder has: its own where a file lists others, of which nothing has been run there.
+fn there(plan: Plan, folder: &Path) -> Result<Plan> {
+    match Plan::read(folder)? {
+        Some(there) if !plan.continues(&there) => {
+            tell!("note: the file lists other jobs than {} has; shown is what the folder has", folder.display());
+            Ok(there)
+        }
+        _ => Ok(plan),
+    }
+}
+
 /// Tells of points that are the same runs.
 fn tell_alike(plan: &Plan, folder: &Path) -> Result<()> {
     for (first, second) in plan.alike(settled::guesses(folder))? {
@@ -230,13 +249,12 @@ fn job_settings(plan: &Plan, (folder, anew): (&Path, &[String]), job: &Job) -> R
     }
 }
 
-/// What refuses jobs before anything is written: another sweep's folder, where the plan is `new` to it, and corpora that
-/// have changed. Returns the jobs that would be begun anew.
-fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<String>> {
+/// What refuses jobs before anything is written: another sweep's folder, where the plan is of a file, files that are not
+/// found from here, and corpora that have changed. Returns the jobs that would be begun anew.
+fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
     let mut anew = Vec::new();
-    if new {
+    if is_of_file(args) {
         anew = plan.fits(folder, settled::configs(folder)?)?.replaced.iter().map(|(job, _)| job.shown()).collect();
-        tell_alike(plan, folder)?;
         for job in &plan.jobs {
             if job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.is_empty() {
                 bail!(
@@ -249,7 +267,7 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<Strin
     }
     let mut sums = BTreeMap::new();
     // What failed and has other settings now is begun anew without being asked for.
-    let again = |job: &Job| retry || anew.contains(&job.shown());
+    let again = |job: &Job| args.retry || anew.contains(&job.shown());
     plan.same_corpora(folder, again, |job| {
         let paths = job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         // Of one that cannot be opened its jobs tell.
@@ -261,6 +279,11 @@ fn check(plan: &Plan, folder: &Path, new: bool, retry: bool) -> Result<Vec<Strin
         Ok(paths.into_iter().filter_map(sum).collect())
     })?;
     Ok(anew)
+}
+
+/// Whether the sweep is named by a file, which may say otherwise than its folder; a folder's own plan is settled.
+fn is_of_file(args: &Args) -> bool {
+    args.sweep.as_ref().is_some_and(|name| !Path::new(name).is_dir())
 }
 
 /// Writes and shows what a sweep found. `on`: what its command says of a cluster.
