@@ -9,6 +9,8 @@ use std::path::Path;
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
+use std::process::Command;
+
 use binary::{config, corpus, must, refusal, riglab, text};
 
 /// Kills of the broken sweep.
@@ -53,15 +55,16 @@ fn a_killed_sweep_goes_on_to_the_same_table() {
     assert_eq!(failed.lines().count(), 4, "two runs, tried twice each: {failed}");
     assert!(expected["results.jsonl"].contains("nowhere.h5"));
 
+    // A new call with the file, then by the folder alone, which would give a single job at a time more threads by itself.
+    let on = || without_threads(&["sweep", text(&broken), "--jobs", "1"]);
     let mut kills = 0;
     for part in 0..KILLS {
-        // A new call with the file, then by the folder alone.
-        let args =
-            if part == 0 { vec!["sweep", text(&file), "-o", text(&broken)] } else { vec!["sweep", text(&broken)] };
-        kills += usize::from(killed_after(&args, took.mul_f64(0.15 + 0.2 * part as f64 / KILLS as f64), &broken));
+        let call = if part == 0 { riglab(&["sweep", text(&file), "-o", text(&broken)]) } else { on() };
+        kills += usize::from(killed_after(call, took.mul_f64(0.15 + 0.2 * part as f64 / KILLS as f64), &broken));
     }
     assert!(kills > 0, "the sweep was too short to be killed");
-    refusal(&mut riglab(&["sweep", text(&broken)]));
+    let said = refusal(&mut on());
+    assert!(said.contains("1 at a time with 1 thread each"), "{said}");
     assert_eq!(result(&broken), expected, "after {kills} kills");
 
     let status = must(&["sweep", text(&broken), "--status"]);
@@ -195,7 +198,17 @@ fn an_arm_that_failed_is_corrected_and_the_rest_stays() {
     let said = refusal(&mut riglab(&args));
     assert!(said.contains("1 job failed"), "{said}");
     let first = fs::read(out.join("jobs/a/seed-0/run.json")).unwrap();
+    // Another plan's jobs are not the folder's: what failed was said otherwise.
     write(text(&made));
+    let status = must(&[&args[..], &["--status"]].concat());
+    let [shown, told] = [status.stdout, status.stderr].map(|said| String::from_utf8(said).unwrap());
+    assert!(shown.contains("nowhere.h5") && told.contains("lists other jobs"), "{shown}{told}");
+    // Nor is it begun anew on another corpus than the rest.
+    let (kept, other) = (dir.path().join("kept.h5"), corpus(&dir.path().join("other"), 3));
+    fs::rename(&made, &kept).and_then(|()| fs::rename(&other, &made)).unwrap();
+    let said = refusal(&mut riglab(&args));
+    assert!(said.contains("has changed: `a`, seed 0 read it") && said.contains("`b`, seed 0 would"), "{said}");
+    fs::rename(&kept, &made).unwrap();
     let dry = String::from_utf8(must(&[&args[..], &["--dry-run"]].concat()).stderr).unwrap();
     assert!(
         dry.contains("would be begun anew") && dry.contains("`b`, seed 0") && !dry.contains("no such corpus"),
@@ -218,6 +231,67 @@ fn jobs_take_the_threads_that_the_command_line_gives() {
     // One job would take all processors.
     let said = refusal(&mut riglab(&["sweep", text(&file), "-o", text(&out), "--jobs", "1", "--threads", "1"]));
     assert!(said.contains("1 at a time with 1 thread each"), "{said}");
+    // A later call goes on in the same way.
+    let said = refusal(&mut without_threads(&["sweep", text(&out), "--retry"]));
+    assert!(said.contains("1 at a time with 1 thread each"), "{said}");
+    // And a single job does take all of them.
+    let other = dir.path().join("other");
+    let said = refusal(&mut without_threads(&["sweep", text(&file), "-o", text(&other)]));
+    let all = std::thread::available_parallelism().unwrap().get();
+    assert!(said.contains(&format!("1 at a time with {all} thread")), "{said}");
+}
+
+#[test]
+fn calls_that_make_one_folder_leave_it_to_one_of_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = config(dir.path(), &corpus(dir.path(), 12), "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\n");
+    let out = dir.path().join("out");
+    let file = |seed: u64| {
+        let file = dir.path().join(format!("race{seed}.toml"));
+        fs::write(&file, format!("[sweep]\nseeds = [{seed}]\nbase = '{}'\n", base.display())).unwrap();
+        file
+    };
+    let calls = [11, 22].map(file).map(|file| {
+        let mut call = riglab(&["sweep", text(&file), "-o", text(&out)]);
+        call.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+    });
+    let ended = calls.map(|call| call.wait_with_output().unwrap());
+    let won = ended.iter().position(|end| end.status.success()).expect("one goes on");
+    let said = String::from_utf8_lossy(&ended[1 - won].stderr).into_owned();
+    assert!(said.contains("another process is running") || said.contains("holds another sweep"), "{said}");
+    // The folder is the winner's alone.
+    let (own, other) = if won == 0 { (11, 22) } else { (22, 11) };
+    assert!(fs::read_to_string(out.join("sweep.json")).unwrap().contains(&format!("train.seed={own}")));
+    assert!(out.join(format!("jobs/base/seed-{own}/run.json")).is_file());
+    assert!(!out.join(format!("configs/base/seed-{other}.toml")).exists());
+}
+
+#[test]
+fn a_sweep_that_was_begun_elsewhere_is_refused_where_its_files_are_not() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = corpus(dir.path(), 12);
+    let name = Path::new(made.file_name().unwrap());
+    config(dir.path(), name, "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\n");
+    let other = dir.path().join("other");
+    fs::create_dir(&other).unwrap();
+    let write = |seeds: &str| {
+        fs::write(dir.path().join("toy.toml"), format!("[sweep]\nseeds = [{seeds}]\nbase = 'config.toml'\n")).unwrap();
+    };
+    let call = |at: &Path, args: &[&str]| {
+        let mut command = riglab(args);
+        command.current_dir(at);
+        command
+    };
+    write("0");
+    assert!(call(dir.path(), &["sweep", "toy.toml", "-o", "out"]).output().unwrap().status.success());
+    fs::remove_dir_all(dir.path().join("out/jobs/base/seed-0")).unwrap();
+    let said = refusal(&mut call(&other, &["sweep", "../out"]));
+    assert!(said.contains("`base`, seed 0 reads corpus.h5, which is not below this folder"), "{said}");
+    let begun = dir.path().canonicalize().unwrap();
+    assert!(said.contains(&format!("hint: cd {} && riglab sweep /", begun.display())), "{said}");
+    // Nothing has failed by it.
+    assert!(!dir.path().join("out/attempts.jsonl").exists());
+    assert!(call(dir.path(), &["sweep", "out"]).output().unwrap().status.success());
 }
 
 /// What must be equal.
@@ -226,10 +300,17 @@ fn result(sweep: &Path) -> BTreeMap<&'static str, String> {
     ["results.jsonl", "table.md", "table.tex", "table.csv"].into_iter().map(read).collect()
 }
 
+/// A call that says nothing of threads.
+fn without_threads(args: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_riglab"));
+    command.args(args);
+    command
+}
+
 /// Starts it and kills it once it has begun its jobs and a while has passed; its runs live on. False when it was
 /// done before.
-fn killed_after(args: &[&str], delay: Duration, sweep: &Path) -> bool {
-    let mut child = riglab(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+fn killed_after(mut call: Command, delay: Duration, sweep: &Path) -> bool {
+    let mut child = call.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let start = Instant::now();
     while start.elapsed() < delay || !sweep.join("jobs").exists() {
         if let Some(status) = child.try_wait().unwrap() {

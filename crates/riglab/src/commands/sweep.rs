@@ -1,5 +1,6 @@
 //! `riglab sweep`
 
+mod begun;
 pub mod settled;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,16 +24,19 @@ use super::charts::{charts, no_file, spare};
 use super::report::write;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, is_of_cluster, settings};
+use super::train::whole;
 use super::{keep_apart, shown, some_of};
 use crate::presets;
 use crate::registry::TaskConfig;
+use begun::Begun;
 use riglab_report::counted;
-use riglab_report::shell::command;
+use riglab_report::shell::{command, quoted};
 
 /// Train many runs from one file: arms, grids (`[sweep.product]`) and seeds.
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
-/// A sweep that was stopped or killed goes on when it is called again; a run that fails is tried once more and never
+/// A sweep that was stopped or killed goes on when it is called again, with the threads of a job and the jobs at a time that
+/// it was begun with, unless these are given; a run that fails is tried once more and never
 /// stops the rest; with --retry it is tried anew. Arms (named variants) added at the end of the file join the existing
 /// runs, as long as their settings and corpora are unchanged; an arm whose jobs failed may be changed, and they are begun
 /// anew. The result is a table of means and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and
@@ -63,10 +67,10 @@ pub struct Args {
     /// The sweep's folder [default: sweeps/<file>].
     #[arg(long, short, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Jobs at a time; 0 takes as many as processors and memory allow.
+    /// Jobs at a time; 0 takes as many as before, and at first as processors and memory allow.
     #[arg(long, default_value_t = 0, value_name = "N")]
     jobs: usize,
-    /// Processors to use; 0 takes all.
+    /// Processors to use; 0 takes as many as before, and at first all.
     #[arg(long, default_value_t = 0, value_name = "N", conflicts_with = "on")]
     cores: usize,
     /// Memory to use in GB; 0 takes nine tenths of what is free.
@@ -107,7 +111,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     }
     let Some(name) = &args.sweep else { bail!("give a sweep file, or the folder of a sweep") };
     args.charts.as_deref().map_or(Ok(()), no_file)?;
-    let (plan, folder, desk) = plan(name, args, threads)?;
+    let (plan, folder, desk) = plan(name, args)?;
     args.charts.as_deref().map_or(Ok(()), |figures| spare(figures, |name| may_be_called(&plan, name)))?;
     if args.status {
         return status(&there(plan, &folder)?, &folder, args.watch);
@@ -156,8 +160,18 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     for of in plan.sweep.unevaluated() {
         tell!("warning: `{of}` comes of an evaluation, and none is made: the sweep's file has not `evaluate = true`");
     }
-    let again = command(["sweep", &shown(&folder)]);
+    let (place, memory) = (shown(&folder), args.memory.to_string());
+    let again = match args.memory > 0.0 {
+        true => command(["sweep", &place, "--memory", &memory]),
+        false => command(["sweep", &place]),
+    };
+    let begun = Begun::read(&folder);
     if args.on == Some(On::Slurm) {
+        let (begun, note) = begun.asked([0, 0, threads], 0, usize::MAX);
+        note.iter().for_each(|note| tell!("note: {note}"));
+        let threads = begun.threads;
+        begun.keep(&folder)?;
+        let desk = asked(desk, args, &plan, threads);
         return match hand_over(&folder, &plan, &desk, threads, args.wait)? {
             Handed::Queued => {
                 tell!("follow them with: {again} --status");
@@ -172,8 +186,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             Handed::Done => conclude(&plan, &folder, args, " --on slurm"),
         };
     }
-    let threads = if threads > 0 { threads } else { plan.sweep.threads };
-    let budget = Budget::new(args.jobs, args.cores, threads, args.memory, plan.jobs.len());
+    let all = std::thread::available_parallelism().map_or(1, usize::from);
+    let begun = begun.or_of_runs(&folder, &plan);
+    let (begun, note) = begun.asked([args.jobs, args.cores, threads], plan.sweep.threads, all);
+    note.iter().for_each(|note| tell!("note: {note}"));
+    let budget = Budget::new(begun.jobs, begun.cores, begun.threads, args.memory, plan.jobs.len());
+    if !plan.left(&folder, |_| false).is_empty() {
+        Begun { threads: budget.threads, ..begun }.keep(&folder)?;
+    }
     let total = plan.jobs.len() as u64;
     tell!(
         "{} in {}: {} at a time with {} each, within {:.1} GB",
@@ -268,6 +288,7 @@ fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
     let mut sums = BTreeMap::new();
     // What failed and has other settings now is begun anew without being asked for.
     let again = |job: &Job| args.retry || anew.contains(&job.shown());
+    within_reach(plan, (folder, &anew), &plan.left(folder, again), args)?;
     plan.same_corpora(folder, again, |job| {
         let paths = job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
         // Of one that cannot be opened its jobs tell.
@@ -284,6 +305,52 @@ fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
 /// Whether the sweep is named by a file, which may say otherwise than its folder; a folder's own plan is settled.
 fn is_of_file(args: &Args) -> bool {
     args.sweep.as_ref().is_some_and(|name| !Path::new(name).is_dir())
+}
+
+/// Refuses jobs whose files are named by paths that lead nowhere from this folder, though they do from the one where the
+/// sweep was begun: every one of them would fail, and stand as failed.
+fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Args) -> Result<()> {
+    let folder = place.0;
+    let begun = Begun::read(folder).or_of_runs(folder, plan);
+    let here = std::env::current_dir().context("there is no working folder")?;
+    for job in left.iter().filter(|_| begun.folder != here) {
+        // Of settings that cannot be read the job tells.
+        let Ok(config) = job_settings(plan, place, job) else { continue };
+        let paths = files_of(&config)?;
+        let Some(path) = begun.lost(&paths) else { continue };
+        let named = args.sweep.as_deref().unwrap_or_default();
+        let named = if Path::new(named).exists() { whole(Path::new(named)) } else { named.to_owned() };
+        let mut again = vec!["sweep".to_owned(), named];
+        if is_of_file(args) {
+            again.extend(args.sets.iter().flat_map(|set| ["--set".to_owned(), set.clone()]));
+            again.extend(["-o".to_owned(), whole(folder)]);
+        }
+        again.extend(args.on.map(|_| "--on slurm".split(' ').map(str::to_owned)).into_iter().flatten());
+        again.extend(args.retry.then(|| "--retry".to_owned()));
+        bail!(
+            "{}: {} reads {}, which is not below this folder, {}: a sweep's relative paths start where it was \
+             begun\n\nhint: cd {} && {}",
+            folder.display(),
+            job.shown(),
+            path.display(),
+            here.display(),
+            quoted(&shown(&begun.folder)),
+            command(again.iter().map(String::as_str))
+        );
+    }
+    Ok(())
+}
+
+/// The files that a job's settings name: corpora, and models that it builds on.
+fn files_of(config: &TaskConfig) -> Result<Vec<PathBuf>> {
+    let table: toml::Table = config.to_toml()?.parse()?;
+    let named = |key: &str| {
+        let mut steps = key.split('.');
+        let first = table.get(steps.next()?)?;
+        steps.try_fold(first, |table, step| table.get(step))?.as_str().map(PathBuf::from)
+    };
+    let models = ["skin.run", "start.model", "train.start.from"].into_iter().filter_map(named);
+    Ok(config.data().corpora.iter().cloned().chain(models).filter(|path| !path.as_os_str().is_empty()).collect())
 }
 
 /// Writes and shows what a sweep found. `on`: what its command says of a cluster.
@@ -330,7 +397,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
 }
 
 /// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
-fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)> {
+fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     let folder = PathBuf::from(name);
     let (cluster, sets) = apart(&args.sets);
     if !cluster.is_empty() && args.on.is_none() {
@@ -344,7 +411,6 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
         let desk = Desk::reopen(&folder, &cluster)?;
-        let desk = asked(desk, args, &plan, threads);
         return Ok((plan, folder, desk));
     }
     let config = presets::load(name, &cluster)?;
@@ -384,7 +450,7 @@ fn plan(name: &str, args: &Args, threads: usize) -> Result<(Plan, PathBuf, Desk)
             plan
         }
     };
-    let desk = asked(Desk::new(&folder, slurm)?, args, &plan, threads);
+    let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, desk))
 }
 
