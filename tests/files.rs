@@ -528,6 +528,27 @@ fn what_one_file_of_many_cannot_hold_is_left_out() {
 
 #[cfg(unix)]
 #[test]
+fn results_leave_protected_files_alone_and_private_ones_private() {
+    use std::os::unix::fs::PermissionsExt;
+    let dir = tempfile::tempdir().unwrap();
+    let creature = &creatures(&dir.path().join("made"), 1)[0];
+    let out = dir.path().join("out.glb");
+    let set = |mode| fs::set_permissions(&out, fs::Permissions::from_mode(mode)).unwrap();
+    must(&["convert", text(creature), text(&out)]);
+    set(0o600);
+    must(&["strip", text(creature), text(&out)]);
+    assert_eq!(out.metadata().unwrap().permissions().mode() & 0o777, 0o600);
+    set(0o444);
+    let before = fs::read(&out).unwrap();
+    for command in ["strip", "convert"] {
+        let said = refusal(&mut riglab(&[command, text(creature), text(&out), "--overwrite"]));
+        assert!(said.contains("out.glb is there already and write-protected"), "{said}");
+    }
+    assert_eq!(fs::read(&out).unwrap(), before);
+}
+
+#[cfg(unix)]
+#[test]
 fn hidden_files_and_write_protected_corpora_are_left_alone() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

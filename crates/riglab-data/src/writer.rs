@@ -153,14 +153,7 @@ impl CorpusWriter {
         if path.exists() && !replaceable(path) {
             return Err(DataError::io(path, "is there already and no corpus; give another name"));
         }
-        // The folder's permissions would let a rename replace it all the same.
-        if path.metadata().is_ok_and(|meta| meta.permissions().readonly()) {
-            return Err(DataError::io(
-                path,
-                "is there already and write-protected; allow writing, or give another name",
-            ));
-        }
-        Ok(())
+        riglab_files::may_replace(path).map_err(|e| DataError::io(path, e))
     }
 
     /// Adds an asset; its split is given to [`Self::finish`].

@@ -3,7 +3,8 @@
 //! The one idea: **what is unfinished has another name.** A file is written under a temporary name in
 //! its own folder, synced and renamed, so a kill at any moment leaves what was there; the names of
 //! unfinished files are known, so a process that is asked to leave takes them with it. Those of one that was killed are
-//! removed by the next that writes into their folder on the same machine.
+//! removed by the next that writes into their folder on the same machine. A file that replaces another may be read and
+//! written by the same users, and what is write-protected is not replaced.
 //!
 //! Leaves out: what is in the files.
 
@@ -18,6 +19,6 @@ mod write;
 pub use lock::is_locked;
 pub use place::is_as_of_folder;
 pub use signals::{Signal, on_signals, was_asked};
-pub use unfinished::{Unfinished, ask_to_leave, leave};
+pub use unfinished::{Unfinished, ask_to_leave, leave, may_replace};
 pub use walk::{Below, below};
 pub use write::{make_folder_of, may_write, sync_folder, write, write_first, write_with};

@@ -17,28 +17,35 @@ pub struct Unfinished {
     temp: PathBuf,
     /// Of a link the file it leads to.
     place: PathBuf,
+    /// What may be done with the file that is there, and then with this one.
+    mode: Option<fs::Permissions>,
 }
 
 impl Unfinished {
-    /// An empty file in the folder of `path`, readable for others as the user's mask has it. A link is
-    /// followed; what is there and no plain file, a device for example, is never replaced.
+    /// An empty file in the folder of `path`, readable for others as the user's mask has it, or as the file that is there is. A
+    /// link is followed; what is there and no plain file, a device for example, is never replaced, nor is what is
+    /// write-protected ([`may_replace`]).
     ///
     /// # Errors
     /// Those of the file system, without the temporary name, which says nothing to a user.
     pub fn beside(path: &Path) -> io::Result<(File, Self)> {
-        let place = match fs::canonicalize(path) {
-            Ok(real) if !fs::metadata(&real)?.is_file() => {
-                return Err(io::Error::other("it is there, and no plain file"));
+        may_replace(path)?;
+        let (place, mode) = match fs::canonicalize(path) {
+            Ok(real) => {
+                let there = fs::metadata(&real)?;
+                if !there.is_file() {
+                    return Err(io::Error::other("it is there, and no plain file"));
+                }
+                (real, Some(there.permissions()))
             }
-            Ok(real) => real,
             // Nothing is there yet, where a link leads or here.
-            Err(_) => led(path)?,
+            Err(_) => (led(path)?, None),
         };
         let mut builder = tempfile::Builder::new();
+        // Temporary files are private by default; this one is to be as any other, or as the one that it replaces.
         #[cfg(unix)]
-        {
+        if mode.is_none() {
             use std::os::unix::fs::PermissionsExt;
-            // Temporary files are private by default; this one is to be as any other.
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         let prefix = stale::prefix();
@@ -48,7 +55,7 @@ impl Unfinished {
         let made = builder.tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
         let (file, temp) = made.keep().map_err(|e| plain(&e.error))?;
         open.push(temp.clone());
-        Ok((file, Self { temp, place }))
+        Ok((file, Self { temp, place, mode }))
     }
 
     /// Its temporary name.
@@ -69,6 +76,9 @@ impl Unfinished {
     /// # Errors
     /// Those of the file system; what was there still is.
     pub fn finish(self) -> io::Result<()> {
+        if let Some(mode) = &self.mode {
+            fs::set_permissions(&self.temp, mode.clone())?;
+        }
         let kept = fs::rename(&self.temp, &self.place);
         kept.and_then(|()| crate::sync_folder(folder(&self.place)))
     }
@@ -106,6 +116,21 @@ fn remove_unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
         let _ = fs::remove_file(path);
     }
     open
+}
+
+/// Refuses a file that is write-protected: whoever may write into its folder could replace it all the same. What is there is
+/// asked, not whether this user may write, as root may everywhere.
+///
+/// # Errors
+/// Says so, without the file's name.
+pub fn may_replace(path: &Path) -> io::Result<()> {
+    match path.metadata() {
+        Ok(there) if there.is_file() && there.permissions().readonly() => {
+            let why = "is there already and write-protected; allow writing, or give another name";
+            Err(io::Error::new(io::ErrorKind::PermissionDenied, why))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Where links lead, though nothing may be there.

@@ -7,7 +7,8 @@ use std::path::Path;
 use crate::unfinished::{Unfinished, folder, plain};
 
 /// Writes under a temporary name in the same folder, syncs, renames: a kill at any moment leaves what was
-/// there. A link is followed; what is there and no plain file, a device for example, is never replaced.
+/// there. A link is followed; what is there and no plain file, a device for example, is never replaced, nor is what is
+/// write-protected. What replaces a file may be read and written by the same users.
 ///
 /// # Errors
 /// Those of the file system, without the name of the temporary file.
@@ -32,6 +33,9 @@ pub fn write_with(path: &Path, fill: impl FnOnce(&mut File) -> io::Result<()>) -
 /// # Errors
 /// As [`write`].
 pub fn write_first(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
     let (mut file, unfinished) = Unfinished::beside(path)?;
     file.write_all(bytes).map_err(|e| plain(&e))?;
     file.sync_all()?;
@@ -116,6 +120,38 @@ mod tests {
             let e = may_write(&closed.join("b/c")).unwrap_err();
             assert!(e.kind() == io::ErrorKind::PermissionDenied && e.to_string().contains("closed"), "{e}");
         }
+    }
+
+    #[test]
+    fn files_keep_who_may_read_them_and_what_is_protected_stays() {
+        use std::os::unix::fs::PermissionsExt;
+        let _turn = crate::unfinished::TURN.lock().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let (file, link) = (dir.path().join("a.glb"), dir.path().join("link.glb"));
+        let mode = || fs::metadata(&file).unwrap().permissions().mode() & 0o777;
+        let set = |mode| fs::set_permissions(&file, fs::Permissions::from_mode(mode)).unwrap();
+        write(&file, b"one").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        let usual = mode();
+        for (mine, now) in [(0o600, "two"), (0o664, "three"), (0o200, "four"), (usual, "five")] {
+            set(mine);
+            write(&link, now.as_bytes()).unwrap();
+            assert_eq!(mode(), mine);
+        }
+        assert_eq!(fs::read(&file).unwrap(), b"five");
+        // While it is written, nobody else may read it either.
+        set(0o600);
+        let (open, unfinished) = Unfinished::beside(&file).unwrap();
+        assert_eq!(open.metadata().unwrap().permissions().mode() & 0o077, 0);
+        drop(unfinished);
+        set(0o444);
+        for path in [&file, &link] {
+            let said = write(path, b"six").unwrap_err();
+            assert!(said.kind() == io::ErrorKind::PermissionDenied && said.to_string().contains("write-protected"));
+        }
+        write_first(&file, b"seven").unwrap();
+        assert_eq!((fs::read(&file).unwrap(), mode()), (b"five".to_vec(), 0o444));
+        assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 2, "nothing unfinished stays");
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Files that a command may write its result over: what riglab wrote, and what others wrote in the same format where
-//! `--overwrite` says so. A file of another kind always stays.
+//! `--overwrite` says so. A file of another kind always stays, and so does one that is write-protected.
 
 use std::io::Read;
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use riglab_asset::Target;
 use riglab_data::Corpus;
 use riglab_render::is_own_png;
@@ -142,10 +142,11 @@ impl Overwrite {
     /// or somebody's work.
     ///
     /// # Errors
-    /// Where there is such a file: told before the work, not after it.
+    /// Where there is such a file, or a write-protected one: told before the work, not after it.
     pub fn keep_others(self, out: &Path, written: Written) -> Result<()> {
         // Before what a format takes for its own: a corpus is HDF5 as well.
         super::keep_corpus(out)?;
+        riglab_files::may_replace(out).map_err(|e| anyhow!("{} {e}", out.display()))?;
         // An empty file loses nothing, as one that `mktemp` made.
         if !out.is_file() || out.metadata().is_ok_and(|meta| meta.len() == 0) {
             return Ok(());
@@ -237,6 +238,20 @@ mod tests {
         // Nothing is lost with it.
         assert!(may("", Written::Evaluation));
         assert!(keep_others(Path::new("nowhere/at-all.json"), Written::Evaluation).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_write_protected_stays() {
+        use std::os::unix::fs::PermissionsExt;
+        for content in ["", "# riglab 0: a mesh\nv 0 0 0\n"] {
+            let file = tempfile::NamedTempFile::new().unwrap();
+            std::fs::write(file.path(), content).unwrap();
+            let kept = || Overwrite { overwrite: true }.keep_others(file.path(), Written::Format(Target::OBJ));
+            assert!(kept().is_ok());
+            std::fs::set_permissions(file.path(), std::fs::Permissions::from_mode(0o444)).unwrap();
+            assert!(kept().unwrap_err().to_string().ends_with("allow writing, or give another name"));
+        }
     }
 
     #[test]
