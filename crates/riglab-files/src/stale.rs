@@ -1,4 +1,4 @@
-//! Temporary files of processes that were killed: told by their names, and removed.
+//! Temporary files and folders of processes that were killed: told by their names, and removed.
 //!
 //! A name holds the number of the process and, as other machines and containers have such numbers of their own, where the
 //! number counts: a boot of a system, and a namespace of processes. A file of another place is never touched, nor is one
@@ -48,7 +48,7 @@ pub(crate) fn remove(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
         if name.to_str().and_then(|name| process(name, place)).is_some_and(has_ended) {
-            let _ = fs::remove_file(entry.path());
+            crate::unfinished::remove(&entry.path());
         }
     }
 }
@@ -90,11 +90,13 @@ mod tests {
             path
         };
         let left = write(&named(place, ended));
+        let folder = dir.path().join(format!("{}x8{SUFFIX}", named(place, ended)));
+        fs::create_dir_all(folder.join("deep")).unwrap();
         // Of a process that is at work, of another machine, and by no such name.
         let stay = [named(place, ours), named("0123", ended), PREFIX.into(), format!("{PREFIX}{place}-x-")];
         let stay = stay.map(|prefix| write(&prefix));
         crate::write(&dir.path().join("a"), b"a").unwrap();
-        assert!(!left.exists() && stay.iter().all(|path| path.exists()));
+        assert!(!left.exists() && !folder.exists() && stay.iter().all(|path| path.exists()));
         assert!(prefix().starts_with(&named(place, ours)));
     }
 }

@@ -11,7 +11,7 @@ use crate::stale;
 /// this is held, so that whoever leaves the process sees every one that is there.
 static OPEN: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
-/// A file beside the place where it will stand. Dropped before [`Unfinished::finish`], it is gone.
+/// A file or folder beside the place where it will stand. Dropped before [`Unfinished::finish`], it is gone.
 #[derive(Debug)]
 pub struct Unfinished {
     temp: PathBuf,
@@ -58,6 +58,27 @@ impl Unfinished {
         Ok((file, Self { temp, place, mode }))
     }
 
+    /// An empty folder beside `path`, where a folder is to stand; what is there is not looked at.
+    ///
+    /// # Errors
+    /// As [`Self::beside`].
+    pub fn folder_beside(path: &Path) -> io::Result<Self> {
+        let place = path.to_path_buf();
+        let mut builder = tempfile::Builder::new();
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt;
+            builder.permissions(fs::Permissions::from_mode(0o777));
+        }
+        let prefix = stale::prefix();
+        builder.prefix(&prefix).suffix(stale::SUFFIX);
+        let mut open = open();
+        stale::remove(folder(&place));
+        let temp = builder.tempdir_in(folder(&place)).map_err(|e| plain(&e))?.keep();
+        open.push(temp.clone());
+        Ok(Self { temp, place, mode: None })
+    }
+
     /// Its temporary name.
     pub fn path(&self) -> &Path {
         &self.temp
@@ -88,7 +109,7 @@ impl Drop for Unfinished {
     fn drop(&mut self) {
         let mut open = open();
         // Under its own name by now, it is no longer there under this one.
-        let _ = fs::remove_file(&self.temp);
+        remove(&self.temp);
         open.retain(|path| *path != self.temp);
     }
 }
@@ -111,11 +132,20 @@ pub fn leave(code: i32) -> ! {
 /// While what this returns is held, no further file is begun.
 fn remove_unfinished() -> MutexGuard<'static, Vec<PathBuf>> {
     let mut open = open();
-    for path in open.drain(..) {
-        // It may be gone already; there is nobody left to tell.
-        let _ = fs::remove_file(path);
-    }
+    open.drain(..).for_each(|path| remove(&path));
     open
+}
+
+/// Removes a file or a folder. It may be gone already, and there is nobody to tell.
+pub(crate) fn remove(path: &Path) {
+    if !path.is_dir() {
+        let _ = fs::remove_file(path);
+        return;
+    }
+    // Whoever still writes into it by its name finds it no more.
+    let gone = path.with_extension(format!("gone{}", stale::SUFFIX));
+    let path = if fs::rename(path, &gone).is_ok() { &gone } else { path };
+    let _ = fs::remove_dir_all(path);
 }
 
 /// Refuses a file that is write-protected: whoever may write into its folder could replace it all the same. What is there is
@@ -193,6 +223,30 @@ mod tests {
         assert_eq!(count(), 1);
         assert!(left.finish().is_err());
         assert!(dir.path().join("b").exists());
+    }
+
+    #[test]
+    fn folders_go_with_whoever_leaves_and_get_their_name_at_the_end() {
+        let _turn = TURN.lock().unwrap();
+        let dir = tempfile::tempdir().unwrap();
+        let count = || fs::read_dir(dir.path()).unwrap().count();
+        let (whole, broken) = (dir.path().join("whole"), dir.path().join("broken"));
+        let begun = Unfinished::folder_beside(&whole).unwrap();
+        fs::write(begun.path().join("a"), "a").unwrap();
+        begun.finish().unwrap();
+        assert!(whole.join("a").exists() && count() == 1);
+        let begun = || {
+            let begun = Unfinished::folder_beside(&broken).unwrap();
+            fs::create_dir(begun.path().join("deep")).unwrap();
+            fs::write(begun.path().join("deep/a"), "a").unwrap();
+            begun
+        };
+        drop(begun());
+        assert_eq!(count(), 1);
+        let left = begun();
+        drop(remove_unfinished());
+        assert_eq!(count(), 1);
+        assert!(fs::write(left.path().join("deep/b"), "b").is_err() && left.finish().is_err());
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
     }
     no_checkpoint(&args.file)?;
     if let Some(out) = &args.out
-        && super::ready(out)?
+        && super::ready(out, [Some(args.file.as_path()), args.skin.as_deref()])?
         && args.name.is_some()
     {
         bail!(

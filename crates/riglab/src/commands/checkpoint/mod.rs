@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail};
+use riglab_asset::export::same_file;
 use riglab_files::{is_as_of_folder, make_folder_of};
 use riglab_task::assets::DataConfig;
 use riglab_task::bundle::{Bundle, RIG, SKIN, Stored};
@@ -100,7 +101,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
 }
 
 fn export(args: &ExportArgs) -> Result<ExitCode> {
-    let folder = ready(&args.out)?;
+    let folder = ready(&args.out, [args.run.as_deref(), args.card.as_deref()])?;
+    if folder {
+        let file = args.out.with_extension("safetensors");
+        if args.half {
+            bail!("--half is for files; a run's folder holds numbers of 32 bits (--out {})", file.display());
+        }
+        if args.name.is_some() {
+            bail!("--name is for files; a run is called by its folder (--out {})", file.display());
+        }
+    }
     let folder_of = args.run.as_ref().filter(|run| !run.is_file()).map(|run| named_by(run));
     if let (Some((run, named)), Some(other)) = (&folder_of, &args.checkpoint)
         && args.run.as_ref() != Some(run)
@@ -143,13 +153,6 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     let text = written(text);
     let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
     if folder {
-        let file = args.out.with_extension("safetensors");
-        if args.half {
-            bail!("--half is for files; a run's folder holds numbers of 32 bits (--out {})", file.display());
-        }
-        if args.name.is_some() {
-            bail!("--name is for files; a run is called by its folder (--out {})", file.display());
-        }
         // Of a policy that rewards refined, what evaluates it is the task that it was.
         card.state.task = model.task().into();
         planted::folder(&args.out, &model, &card, "exported")?;
@@ -256,9 +259,13 @@ fn into_folder(out: &Path) -> Result<bool> {
     }
 }
 
-/// Refuses a place where a model cannot be written, before it is read; whether it is that of a run's folder.
-fn ready(out: &Path) -> Result<bool> {
+/// Refuses a place where a model cannot be written, before it is read, and that of a file that is read; whether it is that of a
+/// run's folder.
+fn ready<'a>(out: &Path, read: impl IntoIterator<Item = Option<&'a Path>>) -> Result<bool> {
     let folder = into_folder(out)?;
+    if read.into_iter().flatten().any(|file| file.is_file() && same_file(file, out)) {
+        bail!("{} is the input itself, which is never changed; give another name", out.display());
+    }
     keep_others(out, Written::Model)?;
     if folder {
         planted::free(out)?;
@@ -376,6 +383,17 @@ fn part_of_run(folder: &Path) -> Result<Option<Part>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_read_is_not_written_over() {
+        let dir = tempfile::tempdir().unwrap();
+        let [own, other] = ["own.safetensors", "other.safetensors"].map(|name| dir.path().join(name));
+        std::fs::write(&own, "").unwrap();
+        let read = [None, Some(own.as_path())];
+        assert!(!ready(&other, read).unwrap());
+        let said = ready(&dir.path().join("./own.safetensors"), read).unwrap_err().to_string();
+        assert!(said.contains("is the input itself"), "{said}");
+    }
 
     #[test]
     fn a_run_that_is_a_number_is_called_by_the_folder_above_it_too() {

@@ -1,8 +1,9 @@
 //! Models as folders of runs that did not train them.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, anyhow, bail};
+use riglab_files::Unfinished;
 use riglab_task::bundle::Card;
 use riglab_task::released::Imported;
 use riglab_task::tokenrig::AUTO_ENCODER;
@@ -15,14 +16,10 @@ use super::anywhere;
 pub(super) fn folder(out: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
     free(out)?;
     riglab_files::make_folder_of(out)?;
-    let unfinished = beside(out);
-    let made = write(&unfinished, model, card, how)
-        .and_then(|()| std::fs::rename(&unfinished, out).with_context(|| format!("{} cannot be made", out.display())));
-    if made.is_err() {
-        // What was begun says nothing to anyone; that it stays is no further fault.
-        let _ = std::fs::remove_dir_all(&unfinished);
-    }
-    made
+    let unmade = || format!("{} cannot be made", out.display());
+    let unfinished = Unfinished::folder_beside(out).with_context(unmade)?;
+    write(unfinished.path(), model, card, how)?;
+    unfinished.finish().with_context(unmade)
 }
 
 /// Refuses a folder that is there and holds something.
@@ -32,12 +29,6 @@ pub(super) fn free(out: &Path) -> Result<()> {
         bail!("{} exists; give the name of a new folder", out.display());
     }
     Ok(())
-}
-
-/// Where a folder is written before it has its name.
-fn beside(out: &Path) -> PathBuf {
-    let name = out.file_name().unwrap_or_default().to_string_lossy();
-    out.with_file_name(format!(".{name}.{}", std::process::id()))
 }
 
 fn write(dir: &Path, model: &Imported, card: &Card, how: &str) -> Result<()> {
