@@ -845,6 +845,35 @@ fn links_are_followed_and_pairs_of_one_mesh_kept_apart() {
 }
 
 #[test]
+fn pairs_of_text_and_mesh_come_back_whatever_they_are_called() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    for (name, plan) in [("fox", "biped"), ("fox_rig", "quadruped"), ("fox_skin", "fish")] {
+        let made = path(plan);
+        must(&["synth", "-o", text(&made), "--count", "1", "--plans", plan, "--triangles", "400..800"]);
+        let mut files = fs::read_dir(&made).unwrap().map(|entry| entry.unwrap().path());
+        let file = files.find(|file| file.extension().is_some_and(|ending| ending == "glb")).unwrap();
+        fs::create_dir_all(path("in")).unwrap();
+        fs::rename(file, path("in").join(format!("{name}.glb"))).unwrap();
+    }
+    let shape = |file: &Path| {
+        let v = inspected(file);
+        (v["joints"].as_array().map(Vec::len), v["vertices"].clone(), v["triangles"].clone())
+    };
+    for (format, ending) in [("rignet", "_rig.txt"), ("puppeteer", ".txt")] {
+        let out = path(format);
+        must(&["convert", text(&path("in")), text(&out), "--to", format]);
+        let said = must(&["dataset", "import", text(&out), "-o", text(&path("c.h5"))]).stdout;
+        let said = String::from_utf8(said).unwrap();
+        assert!(said.contains("3 assets") && said.contains("0 files left out"), "{said}");
+        for name in ["fox", "fox_skin"] {
+            let was = shape(&path("in").join(format!("{name}.glb")));
+            assert_eq!(shape(&out.join(format!("{name}{ending}"))), was, "{format} {name}");
+        }
+    }
+}
+
+#[test]
 fn rigs_are_judged_by_rewards_without_true_ones() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

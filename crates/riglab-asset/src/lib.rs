@@ -336,7 +336,7 @@ pub fn is_model_file(path: &Path) -> bool {
 
 /// Whether a file found in a folder is one to import as a rig: by its ending, and of texts those that
 /// are rig texts. A pair of text and OBJ counts once, as its text; of two texts for one OBJ, the one
-/// with weights.
+/// with weights, and both where each has weights of its own.
 pub fn is_rig_file(path: &Path) -> bool {
     Format::by_ending(path).is_some_and(|format| format.reads().is_rig(path))
 }

@@ -6,7 +6,10 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use riglab_asset::{Array, Filling, ImportOptions, Target, import, import_each, read_arrays, write, written_paths};
+use riglab_asset::{
+    Array, Filling, ImportOptions, Target, files_of, import, import_each, is_rig_file, read_arrays, write,
+    written_paths,
+};
 use riglab_core::{Asset, Bounds, Joint, JointId, Mesh, Provenance, Rig, Similarity, Skeleton, SkinWeights};
 
 /// All rigs of the golden samples, one of each name.
@@ -156,6 +159,38 @@ fn files_of_others_and_texts_that_were_changed_are_not_riglabs() {
     assert!(Target::RIGNET.is_at(&text) && !Target::RIGNET.is_own(&text) && Target::RIGNET.is_own(&mesh));
     std::fs::remove_file(&mesh).unwrap();
     assert!(!Target::RIGNET.is_own(&text));
+}
+
+/// Names of one pair may be those of another: `fox_rig.txt` could have `fox_rig.obj` as its mesh, and `fox.obj` the text
+/// `fox_skin.txt`.
+#[test]
+fn pairs_that_are_written_side_by_side_are_read_as_they_were_written() {
+    let Some(rigs) = rigs() else { return };
+    for (target, names) in [
+        (Target::RIGNET, ["fox_rig.txt", "fox_rig_rig.txt"]),
+        (Target::PUPPETEER, ["fox.txt", "fox_skin.txt"]),
+        (Target::PUPPETEER, ["fox_skin.txt", "fox.txt"]),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        for (asset, name) in rigs.iter().zip(names) {
+            write(std::slice::from_ref(asset), dir.path().join(name), target).unwrap();
+        }
+        for (asset, name) in rigs.iter().zip(names) {
+            let [text, mesh] = &written_paths(dir.path().join(name), target)[..] else { panic!("a pair") };
+            assert!(is_rig_file(text), "{name} counts");
+            for half in [text, mesh] {
+                let read = import(half, &ImportOptions::default()).unwrap();
+                assert_eq!(read.rig().unwrap().skeleton().names(), asset.rig.skeleton().names(), "{}", half.display());
+                assert_eq!(read.mesh().positions(), asset.rig.mesh().positions(), "{}", half.display());
+            }
+            assert_eq!(files_of(mesh), [mesh.clone(), text.clone()]);
+        }
+        // One whose mesh is gone does not take the other's.
+        let [text, mesh] = &written_paths(dir.path().join(names[0]), target)[..] else { panic!("a pair") };
+        std::fs::remove_file(mesh).unwrap();
+        let said = import(text, &ImportOptions::default()).unwrap_err().to_string();
+        assert!(said.contains("mesh that belongs to the rig text is missing"), "{said}");
+    }
 }
 
 /// Numpy, torch and h5py as the peers use them, where a Python with them is.

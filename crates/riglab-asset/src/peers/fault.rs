@@ -21,7 +21,7 @@ pub enum PeerFault {
     #[error("the text is not UTF-8 from byte {0} on; save it as UTF-8")]
     NotUtf8(usize),
     /// The mesh of a rig text lies in a file of its own.
-    #[error("the mesh that belongs to the rig text is missing: none of {0} is there")]
+    #[error("the mesh that belongs to the rig text is missing: none of {0} is there, or only that of another text")]
     NoObjBeside(String),
 
     /// A container that cannot be opened.

@@ -6,9 +6,11 @@ use super::super::array_rig::ArrayRig;
 use super::super::fault::PeerFault;
 use super::{Assets, One, bytes, data_list, obj, rig_text, skeleton_text};
 use crate::Fault;
+use crate::export::folder as folder_of;
 use crate::format::Reads;
 use crate::marked::unmarked;
 use crate::peers::Source;
+use crate::peers::write::{is_mesh_of, same_lines};
 
 /// Text of joints and weights (RigNet, Puppeteer), or a list of folders (UniRig).
 pub(crate) struct RigText;
@@ -30,11 +32,12 @@ impl Reads for RigText {
         Some("rignet")
     }
 
-    /// Of two texts for one OBJ, the one with weights. Any text may lie in a folder.
+    /// Of two texts for one OBJ, the one with weights; both where both have some of their own. Any text may lie in a folder.
     fn is_rig(&self, path: &Path) -> bool {
         let mesh = || mesh_of(path, path.parent()?);
         let chosen = || mesh().and_then(|mesh| beside_obj(&mesh, mesh.parent()?));
-        starts_as_rig(path) && chosen().is_none_or(|chosen| chosen == path)
+        let adds = |chosen: PathBuf| is_same(&chosen, path) || has_weights(path) && !same_lines(&chosen, path);
+        starts_as_rig(path) && chosen().is_none_or(adds)
     }
 
     fn beside(&self, path: &Path, folder: &Path) -> Vec<PathBuf> {
@@ -91,7 +94,7 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fa
             let rig = rig_text::read(text, None)?;
             // Weights count vertices, and there is no telling of which mesh.
             if rig.weights.is_some() {
-                let names: Vec<_> = obj_names(path).iter().map(|n| format!("`{n}`")).collect();
+                let names: Vec<_> = bases(path).iter().map(|base| format!("`{base}.obj`")).collect();
                 return Err(PeerFault::NoObjBeside(names.join(", ")).into());
             }
             Ok(rig)
@@ -100,16 +103,27 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fa
 }
 
 /// The OBJ of a rig text: beside it or, as RigNet's data set has it, in `obj` beside `rig_info` and in
-/// `obj_remesh` beside `rig_info_remesh`.
+/// `obj_remesh` beside `rig_info_remesh`. Of several that are called so the one that says it is, as those that riglab wrote
+/// do; never one that says it is another text's.
 fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
     let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let other = name.strip_prefix("rig_info").map(|rest| folder.with_file_name(format!("obj{rest}")));
-    let names = obj_names(path);
+    let bases = bases(path);
+    let cased_names =
+        |base: &String| cased("obj").into_iter().map(|ending| format!("{base}.{ending}")).collect::<Vec<_>>();
+    let names: Vec<String> = bases.iter().flat_map(cased_names).collect();
     let places = std::iter::once(folder.to_path_buf()).chain(other);
-    places
-        .into_iter()
-        .flat_map(|place| names.iter().map(move |n| place.join(n)).collect::<Vec<_>>())
-        .find(|p| p.is_file())
+    let all = places.flat_map(|place| names.iter().map(move |name| place.join(name)));
+    let there: Vec<PathBuf> = all.filter(|path| path.is_file()).collect();
+    let own = there.iter().find(|mesh| there.len() > 1 && is_mesh_of(mesh, path));
+    own.or_else(|| there.iter().find(|mesh| !is_of_another(mesh, path))).cloned()
+}
+
+/// Whether an OBJ says that it is of another text than this one.
+fn is_of_another(mesh: &Path, text: &Path) -> bool {
+    let mut others = texts_of(mesh, folder_of(mesh));
+    others.retain(|other| !is_same(other, text));
+    !others.is_empty() && !is_mesh_of(mesh, text) && others.iter().any(|other| is_mesh_of(mesh, other))
 }
 
 /// An OBJ with the rig text beside it.
@@ -126,12 +140,44 @@ fn with_obj(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig
     joined(utf8(&text)?, bytes)
 }
 
-/// The rig text that belongs to an OBJ: the same name, with or without `_rig` or `_skin`.
+/// The rig text that belongs to an OBJ: the same name, with or without `_rig` or `_skin`. Of several the one that the OBJ says,
+/// else the first whose mesh it is.
 pub(crate) fn beside_obj(path: &Path, folder: &Path) -> Option<PathBuf> {
-    let stem = path.file_stem()?.to_string_lossy().into_owned();
-    let candidates = SUFFIXES.iter().map(|suffix| folder.join(format!("{stem}{suffix}.txt")));
+    let texts = texts_of(path, folder);
+    let said = texts.iter().find(|text| texts.len() > 1 && is_mesh_of(path, text));
+    let is_mine = |text: &&PathBuf| mesh_of(text, folder).is_some_and(|mesh| is_same(&mesh, path));
+    said.or_else(|| texts.iter().find(is_mine)).cloned()
+}
+
+/// The rig texts that are called as those of an OBJ are.
+fn texts_of(mesh: &Path, folder: &Path) -> Vec<PathBuf> {
+    let stem = mesh.file_stem().unwrap_or_default().to_string_lossy();
+    let endings = cased("txt");
+    let suffixes = SUFFIXES.iter().flat_map(|suffix| cased(suffix));
+    let names =
+        suffixes.flat_map(|suffix| endings.iter().map(|end| format!("{stem}{suffix}.{end}")).collect::<Vec<_>>());
     // Any text may have the name of a mesh: a note about it, for example.
-    candidates.into_iter().find(|p| p.is_file() && starts_as_rig(p))
+    names.map(|name| folder.join(name)).filter(|p| p.is_file() && starts_as_rig(p)).collect()
+}
+
+/// A part of a name as it is written and in capitals. A look into the folder would tell of other ways, but once for every file
+/// of it.
+fn cased(word: &str) -> Vec<String> {
+    let mut cases = vec![word.to_owned(), word.to_ascii_uppercase()];
+    cases.dedup();
+    cases
+}
+
+/// Whether two paths are of one name in one folder.
+fn is_same(a: &Path, b: &Path) -> bool {
+    a.file_name() == b.file_name() && folder_of(a) == folder_of(b)
+}
+
+/// Whether a rig text has a line of weights.
+fn has_weights(path: &Path) -> bool {
+    let text = std::fs::read(path).unwrap_or_default();
+    text.split(|b| *b == b'\n')
+        .any(|line| matches!(line.trim_ascii_start(), [b's', b'k', b'i', b'n', b' ' | b'\t', ..]))
 }
 
 /// Whether a file is a rig text, by its start.
@@ -142,16 +188,19 @@ pub(crate) fn starts_as_rig(path: &Path) -> bool {
     read.is_ok() && rig_text::is_one(&String::from_utf8_lossy(unmarked(&start)))
 }
 
-/// Names that the OBJ of a rig text may have.
-fn obj_names(path: &Path) -> Vec<String> {
+/// What the OBJ of a rig text may be called, without the ending.
+fn bases(path: &Path) -> Vec<String> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let bases = SUFFIXES.iter().filter_map(|suffix| stem.strip_suffix(suffix));
-    let mut names: Vec<String> = bases.map(|base| format!("{base}.obj")).collect();
-    names.sort();
-    names.dedup();
+    let base = |suffix: &&str| {
+        let (base, end) = stem.split_at_checked(stem.len().checked_sub(suffix.len())?)?;
+        end.eq_ignore_ascii_case(suffix).then(|| base.to_owned())
+    };
+    let mut bases: Vec<String> = SUFFIXES.iter().filter_map(base).collect();
+    bases.sort();
+    bases.dedup();
     // The same name first.
-    names.sort_by_key(|name| *name != format!("{stem}.obj"));
-    names
+    bases.sort_by_key(|base| *base != stem);
+    bases
 }
 
 fn joined(text: &str, mesh: &[u8]) -> Result<ArrayRig, Fault> {
@@ -175,8 +224,8 @@ mod tests {
 
     #[test]
     fn either_half_of_a_pair_finds_the_other() {
-        assert_eq!(obj_names(Path::new("x/7_rig.txt")), ["7_rig.obj", "7.obj"]);
-        assert_eq!(obj_names(Path::new("7.txt")), ["7.obj"]);
+        assert_eq!(bases(Path::new("x/7_rig.txt")), ["7_rig", "7"]);
+        assert_eq!(bases(Path::new("7.txt")), ["7"]);
         let dir = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
         write("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
@@ -187,6 +236,45 @@ mod tests {
         assert_eq!(found, dir.path().join("a_rig.txt"));
         let rig = read(&found, &std::fs::read(&found).unwrap(), Some(dir.path())).unwrap();
         assert_eq!((rig.vertices.len(), rig.weights.unwrap().rows()), (3, 3));
+    }
+
+    #[test]
+    fn halves_find_each_other_in_small_letters_and_in_capitals() {
+        for (text, mesh) in
+            [("b_rig.txt", "b.OBJ"), ("b_rig.TXT", "b.obj"), ("B_RIG.TXT", "B.OBJ"), ("b_SKIN.txt", "b.obj")]
+        {
+            let dir = tempfile::tempdir().unwrap();
+            let [text, mesh] = [text, mesh].map(|name| dir.path().join(name));
+            std::fs::write(&text, "joints a 0 0 0\nroot a\nskin 0 a 1\n").unwrap();
+            std::fs::write(&mesh, "v 0 0 0\n").unwrap();
+            assert_eq!(mesh_of(&text, dir.path()).as_ref(), Some(&mesh), "{text:?}");
+            assert_eq!(beside_obj(&mesh, dir.path()).as_ref(), Some(&text), "{mesh:?}");
+            assert!(RigText.is_rig(&text));
+        }
+    }
+
+    #[test]
+    fn pairs_whose_names_could_be_each_others_are_kept_apart() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let write = |name: &str, text: &str| std::fs::write(at(name), text).unwrap();
+        let rig = |joint: &str| format!("joints {joint} 0 0 0\nroot {joint}\nskin 0 {joint} 1\n");
+        // Nothing in them says whose they are: each is of one only.
+        for (name, joint) in [("a.txt", "a"), ("a_skin.txt", "b")] {
+            write(name, &rig(joint));
+            write(&name.replace(".txt", ".obj"), "v 0 0 0\n");
+        }
+        let found = ["a.obj", "a_skin.obj"].map(|name| beside_obj(&at(name), dir.path()).unwrap());
+        assert_eq!(found, ["a.txt", "a_skin.txt"].map(at));
+        assert!(found.iter().all(|text| RigText.is_rig(text)));
+        // A text with weights of its own is one more rig of the mesh; one of joints alone is not, nor is the same once more.
+        write("c.obj", "v 0 0 0\n");
+        write("c_rig.txt", &rig("a"));
+        for (text, counts) in [(rig("b"), true), ("joints b 0 0 0\nroot b\n".into(), false), (rig("a"), false)] {
+            write("c_skel.txt", &text);
+            assert_eq!(RigText.is_rig(&at("c_skel.txt")), counts, "{text}");
+        }
+        assert!(RigText.is_rig(&at("c_rig.txt")));
     }
 
     #[test]

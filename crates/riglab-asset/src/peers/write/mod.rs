@@ -25,6 +25,7 @@ use thiserror::Error;
 
 pub use filling::Filling;
 pub use target::Target;
+pub(crate) use text::{is_mesh_of, same_lines};
 
 /// Why something cannot be written.
 #[derive(Debug, Error)]

@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 use std::fmt::Write;
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use riglab_core::{Asset, JointId, Mesh, Rig};
@@ -100,9 +102,20 @@ fn is_own_half(path: &Path, start: &[u8]) -> bool {
     if !path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("txt")) {
         return is_own_obj(start);
     }
-    let Ok(text) = std::fs::read(path) else { return false };
-    let said = std::fs::read(mesh_path(path)).unwrap_or_default();
-    is_own_obj(&said) && said.split(|b| *b == b'\n').next().is_some_and(|line| line.ends_with(digest(&text).as_bytes()))
+    is_mesh_of(&mesh_path(path), path)
+}
+
+/// Whether an OBJ that riglab wrote says in its first line that it is of a rig text, which is as it was then.
+pub(crate) fn is_mesh_of(mesh: &Path, text: &Path) -> bool {
+    let mut start = Vec::new();
+    let read = File::open(mesh).and_then(|file| file.take(1 << 10).read_to_end(&mut start));
+    let said = start.split(|b| *b == b'\n').next().unwrap_or_default();
+    read.is_ok() && is_own_obj(said) && std::fs::read(text).is_ok_and(|text| said.ends_with(digest(&text).as_bytes()))
+}
+
+/// Whether two rig texts say the same, in whatever order.
+pub(crate) fn same_lines(a: &Path, b: &Path) -> bool {
+    matches!((std::fs::read(a), std::fs::read(b)), (Ok(a), Ok(b)) if digest(&a) == digest(&b))
 }
 
 /// What tells a text from others, in hexadecimal digits: by its lines in whatever order, so that the two formats, which have
