@@ -78,6 +78,55 @@ fn a_motion_is_played_with_the_springs_of_the_file() {
     assert_eq!(document(&twice)["animations"].as_array().unwrap().len(), 2);
 }
 
+/// A GLB whose first motion lasts ten minutes and is there three times, with other names.
+fn long(glb: &[u8], names: [&str; 3]) -> Vec<u8> {
+    let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&glb[20..20 + length]).unwrap();
+    let mut binary = glb[28 + length..].to_vec();
+    let motion = json["animations"][0].clone();
+    let times = motion["samplers"][0]["input"].as_u64().unwrap() as usize;
+    let accessor = json["accessors"][times].clone();
+    let view = &json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
+    let offset = |of: &Value| of["byteOffset"].as_u64().unwrap_or(0) as usize;
+    let last = offset(view) + offset(&accessor) + 4 * (accessor["count"].as_u64().unwrap() as usize - 1);
+    binary[last..last + 4].copy_from_slice(&600f32.to_le_bytes());
+    json["accessors"][times]["max"] = serde_json::json!([600.0]);
+    json["animations"] = names
+        .iter()
+        .map(|name| {
+            let mut own = motion.clone();
+            own["name"] = (*name).into();
+            own
+        })
+        .collect();
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = (28 + text.len() + binary.len()) as u32;
+    let numbers = [2, total, text.len() as u32, binary.len() as u32].map(u32::to_le_bytes);
+    let parts: [&[u8]; 9] =
+        [b"glTF", &numbers[0], &numbers[1], &numbers[2], b"JSON", &text, &numbers[3], b"BIN\0", &binary];
+    parts.concat()
+}
+
+#[test]
+fn a_motion_is_played_however_long_others_are_and_a_limit_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let (avatar, _) = creatures(dir.path());
+    let [short, file, out] = ["short.glb", "long.glb", "out.glb"].map(|name| dir.path().join(name));
+    simulate(&avatar, &short, &["--seconds", "1", "--fps", "30"]);
+    fs::write(&file, long(&fs::read(&short).unwrap(), ["walk", "run", "rest"])).unwrap();
+    let said = simulate(&file, &out, &["--motion", "rest", "--fps", "30"]);
+    assert_eq!((&said["motion"], &said["frames"]), (&"rest".into(), &18001.into()));
+    for more in [&["--motion", "rest"][..], &[]] {
+        let out = dir.path().join("none.glb");
+        let args = ["simulate", text(&file), "-o", text(&out), "--fps", "1000"];
+        let said = refusal(&mut riglab(&[&args[..], more].concat()));
+        assert!(said.contains("longer than is read") && said.contains("--seconds") && !out.exists(), "{said}");
+    }
+    let said = refusal(&mut riglab(&["simulate", text(&file), "-o", text(&out), "--motion", "hops"]));
+    assert!(said.contains("it has `walk`, `run`, `rest`"), "{said}");
+}
+
 #[test]
 fn springs_are_guessed_by_names() {
     let dir = tempfile::tempdir().unwrap();

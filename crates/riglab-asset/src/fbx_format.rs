@@ -37,7 +37,7 @@ impl Reads for Fbx {
 
     #[cfg(feature = "fbx")]
     fn read(&self, bytes: &[u8], _: Option<&Path>, options: &ImportOptions) -> Result<(Reading, Rights), Fault> {
-        Ok((crate::fbx::read(bytes, options.clips)?, Rights::default()))
+        Ok((crate::fbx::read(bytes, options.clips, options.motion.as_deref())?, Rights::default()))
     }
 
     #[cfg(feature = "fbx")]

@@ -92,6 +92,9 @@ pub struct ImportOptions {
     pub split: bool,
     /// Whether motions are read, and how they are sampled.
     pub clips: Option<Resample>,
+    /// Which motion is read, by its name; of several called alike the first that can be. `None` reads all, as far as there is
+    /// room for them.
+    pub motion: Option<String>,
     /// Whether to repair what takes a guess: joints of a rig text beside its tree go below the root,
     /// which is refused otherwise, and `NAME_dup_K` joints of RigNet's predictions back into NAME.
     pub repair: bool,

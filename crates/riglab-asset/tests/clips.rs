@@ -103,6 +103,29 @@ fn long_times_are_cut() {
 
 /// Posed as their makers meant, characters stay together.
 #[test]
+fn a_motion_that_is_asked_for_is_read_whatever_others_take() {
+    let tiny = |name: &str| {
+        let channels = json!([{"sampler": 0, "target": {"node": 1, "path": "translation"}}]);
+        let values = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let tiny = animated(&[0.0, 600.0], "VEC3", &values, channels.clone(), json!([{"input": 5, "output": 6}]));
+        let more = json!({"name": name, "channels": channels, "samplers": [{"input": 5, "output": 6}]});
+        tiny.with("/animations/-", more.clone()).with("/animations/-", more)
+    };
+    let names = |motion: Option<&str>, rate: f32| {
+        let clips = Some(Resample { rate, frames: usize::MAX });
+        let options = ImportOptions { clips, motion: motion.map(str::to_owned), ..ImportOptions::default() };
+        let read = import_bytes("tiny.glb", &tiny("last").glb(), &options).unwrap();
+        let left = read.warnings().iter().any(|warning| warning.to_string().contains("longer than is read"));
+        (read.clips.iter().map(|clip| clip.name().to_owned()).collect::<Vec<_>>(), left)
+    };
+    assert_eq!(names(None, 1000.0), (vec!["wave".into()], true));
+    assert_eq!(names(Some("last"), 1000.0), (vec!["last".into()], false));
+    assert_eq!(names(Some("last"), 10000.0), (vec![], true), "too long by itself");
+    assert_eq!(names(Some("other"), 1.0), (vec![], false));
+    assert_eq!(names(None, 1.0).0.len(), 3);
+}
+
+#[test]
 fn real_clips_move_and_do_not_tear() {
     let Some(folder) = data("RIGLAB_RIGS", "rigs") else { return };
     let (mut clips, mut moving) = (0, 0);

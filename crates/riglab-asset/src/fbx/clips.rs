@@ -22,13 +22,13 @@ const MAX_MAPS: usize = 1 << 21;
 /// Elements of the scene that are posed, frame by frame: seconds.
 const MAX_ELEMENTS: usize = 1 << 24;
 
-/// The clips of a file that move its joints, by joint of the reading. A clip that cannot be read is left out, with a
-/// warning.
+/// The clips of a file that move its joints, by joint of the reading, or only the first of the name that is `wanted`. A clip
+/// that cannot be read is left out, with a warning.
 pub(super) fn read(
     scene: &Scene,
     nodes: &Nodes<'_>,
     joints: &Joints,
-    resample: Resample,
+    (resample, wanted): (Resample, Option<&str>),
     memory: usize,
     warnings: &mut Vec<Warning>,
 ) -> Vec<Clip> {
@@ -38,6 +38,9 @@ pub(super) fn read(
     for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
         let Some(time) = time(stack, &moving) else { continue };
         let name = called(stack, number);
+        if wanted.is_some_and(|wanted| wanted != name || !clips.is_empty()) {
+            continue;
+        }
         match clip(scene, stack, (nodes, joints), (time, resample), (memory, &mut room), &name) {
             Ok((clip, whole)) => {
                 cut.extend((!whole).then(|| shown(&name)));

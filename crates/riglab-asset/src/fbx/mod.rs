@@ -42,7 +42,8 @@ const MEMORY: usize = 10;
 /// And as much as this for small ones, since arrays are compressed.
 const SMALL: usize = 16 << 20;
 
-pub(crate) fn read(bytes: &[u8], motions: Option<Resample>) -> Result<Reading, Fault> {
+/// Reads a file, with its motions, or the one that is `wanted`, if they are asked for.
+pub(crate) fn read(bytes: &[u8], motions: Option<Resample>, wanted: Option<&str>) -> Result<Reading, Fault> {
     let scene = load(bytes, Load { motions: motions.is_some(), pictures: false })?;
     let nodes = Nodes::new(&scene);
     let mut warnings = Vec::new();
@@ -52,8 +53,9 @@ pub(crate) fn read(bytes: &[u8], motions: Option<Resample>) -> Result<Reading, F
         meshes::read(&nodes, &joints, &read_joints, &Budget::new(bytes.len()), &mut warnings)?;
     let origin = joints.origin(&nodes).as_vec3();
     let origin = if origin.is_finite() { origin.into() } else { [0.0; 3] };
-    let clips = motions.map(|resample| clips::read(&scene, &nodes, &joints, resample, memory(bytes), &mut warnings));
-    let clips = clips.unwrap_or_default();
+    let clips = motions
+        .map(|resample| clips::read(&scene, &nodes, &joints, (resample, wanted), memory(bytes), &mut warnings))
+        .unwrap_or_default();
     let told = Told { skins: joints.told(&read_joints), left_out };
     Ok(Reading { joints: read_joints, vertex_sets, parts, origin, clips, told, warnings, ..Reading::default() })
 }

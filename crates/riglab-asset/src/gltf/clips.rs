@@ -59,13 +59,13 @@ struct Scene<'a> {
     chain: Vec<usize>,
 }
 
-/// The clips of a file that move its joints, by joint of the reading. A clip that cannot be read is
-/// left out, with a warning.
+/// The clips of a file that move its joints, by joint of the reading, or only the first of the name that is `wanted`. A clip
+/// that cannot be read is left out, with a warning.
 pub(super) fn read(
     json: &[u8],
     document: &Document,
     file: &placing::Scene<'_, '_>,
-    resample: Resample,
+    (resample, wanted): (Resample, Option<&str>),
     warnings: &mut Vec<Warning>,
 ) -> Vec<Clip> {
     // The document was read already; its animations only when somebody asks for them.
@@ -92,6 +92,9 @@ pub(super) fn read(
     let mut room = MAX_MAPS;
     for (number, animation) in motions.animations.into_iter().enumerate() {
         let name = if animation.name.is_empty() { format!("animation {number}") } else { animation.name.clone() };
+        if wanted.is_some_and(|wanted| wanted != name || !clips.is_empty()) {
+            continue;
+        }
         match scene.clip(animation, name.clone(), &held, accessors, resample, &mut room) {
             Ok(Some((clip, whole))) => {
                 cut.extend((!whole).then_some(name));

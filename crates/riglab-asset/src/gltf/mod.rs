@@ -127,7 +127,9 @@ pub(crate) fn read(bytes: &[u8], folder: Option<&Path>, options: &ImportOptions)
     };
     let (vertex_sets, parts, left_out) = scene.place(sources, &joints, &apart, &mut warnings)?;
     let body = vrm::read(&document, &scene, &mut warnings);
-    let clips = options.clips.map(|resample| clips::read(chunks.json, &document, &scene, resample, &mut warnings));
+    let wanted = options.motion.as_deref();
+    let clips = options.clips;
+    let clips = clips.map(|resample| clips::read(chunks.json, &document, &scene, (resample, wanted), &mut warnings));
     let clips = clips.unwrap_or_default();
     let origin = binds.origin().as_vec3().into();
     let shown_off = binds.shown_off().as_vec3();

@@ -110,29 +110,28 @@ impl Args {
 pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     check(args)?;
     let shown = args.input.display();
-    let imported = import(&args.input, &reading(args))?;
+    // Which motions there are is told by one frame of each; the one that is played is read when it is known.
+    let imported = import(&args.input, &reading(args, Some(1), None))?;
     // Motions that are not played are as long as they were.
     for warning in imported.warnings().iter().filter(|w| !matches!(w, Warning::ClipsCut { .. })) {
         tell!("warning: {shown}: {warning}");
     }
     let about = if imported.reading.faces_back { 180.0 } else { 0.0 };
-    let cut = imported
-        .warnings()
-        .iter()
-        .filter_map(|w| if let Warning::ClipsCut { clips, .. } = w { Some(clips) } else { None });
-    let cuts: Vec<String> = cut.flatten().cloned().collect();
-    let rig = with_attributes(args, with_springs(args, &imported)?, threads)?;
-    let (bytes, source) = document(args, imported, &rig)?;
-    let clip = motion(args, &source, &rig)?;
+    let names: Vec<String> = imported.clips.iter().map(|clip| clip.name().to_owned()).collect();
+    let rig = with_springs(args, &imported)?;
+    let chosen = chosen(args, &names, imported.warnings())?;
+    let rig = with_attributes(args, rig, threads)?;
+    let (bytes, source) = document(args, &imported, &rig, chosen.own())?;
+    let clip = match &chosen {
+        Chosen::Own(name) => own(args, &source, name)?,
+        Chosen::Made(kind) => made(args, *kind, &rig)?,
+    };
     let lengths = match args.lengths {
         Length::Rest => Lengths::Rest,
         Length::Lagging => Lengths::Lagging,
     };
     let played = play(&rig, &clip, lengths).with_context(|| format!("{shown}, motion `{}`", clip.name()))?;
-    if cuts.iter().any(|name| name == clip.name()) && args.seconds.is_none() {
-        tell!("warning: {shown}: the motion `{}` is cut after {}", clip.name(), counted(clip.frames(), "frame"));
-    }
-    let played = named(&played, &free_name(clip.name(), |name| source.clips.iter().any(|clip| clip.name() == name)))?;
+    let played = named(&played, &free_name(clip.name(), |name| names.iter().any(|there| there == name)))?;
     let folder = args.input.parent();
     let out = export::animate(&bytes, folder, &source, rig.skeleton(), &played)?;
     for note in &out.notes {
@@ -188,11 +187,12 @@ fn check(args: &Args) -> Result<()> {
     }
 }
 
-/// With motions, as far as they are asked for.
-fn reading(args: &Args) -> ImportOptions {
+/// With the motion of a name, or all: as many frames as are played, or less.
+fn reading(args: &Args, frames: Option<usize>, motion: Option<&str>) -> ImportOptions {
     let seconds = args.seconds.unwrap_or(MOST_SECONDS);
-    let frames = (seconds * f64::from(args.fps)).round() as usize + 1;
-    ImportOptions { clips: Some(Resample { rate: args.fps, frames }), ..ImportOptions::default() }
+    let frames = frames.unwrap_or((seconds * f64::from(args.fps)).round() as usize + 1);
+    let (clips, motion) = (Some(Resample { rate: args.fps, frames }), motion.map(str::to_owned));
+    ImportOptions { clips, motion, ..ImportOptions::default() }
 }
 
 fn with_springs(args: &Args, imported: &Imported) -> Result<Rig> {
@@ -231,14 +231,14 @@ fn with_attributes(args: &Args, rig: Rig, threads: usize) -> Result<Rig> {
     Ok(rig.with_springs(springs)?)
 }
 
-/// The glTF that gets the motion, and what is read from it.
-fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Imported)> {
+/// The glTF that gets the motion, and what is read from it, with the motion of a name.
+fn document(args: &Args, imported: &Imported, rig: &Rig, motion: Option<&str>) -> Result<(Vec<u8>, Imported)> {
     let path = &args.input;
     let gltf = is_gltf(path);
     // A file with the rig that it has stays as it is, but that weights which compression rounded sum to 1.
     let options = ExportOptions { influences: Influences::All, ..ExportOptions::default() };
     let made = match gltf {
-        true => export::onto(path, &imported, rig, &options)?,
+        true => export::onto(path, imported, rig, &options)?,
         #[cfg(feature = "fbx")]
         false if is_fbx(path) => {
             let (made, notes) = dressed(path, &ImportOptions::default(), rig.springs(), &options)?;
@@ -250,44 +250,90 @@ fn document(args: &Args, imported: Imported, rig: &Rig) -> Result<(Vec<u8>, Impo
     for note in &made.notes {
         tell!("note: {}: {note}", path.display());
     }
-    let mut again = import_bytes(&path.with_extension("glb").to_string_lossy(), &made.bytes, &reading(args))?;
+    let options = motion.map_or_else(ImportOptions::default, |name| reading(args, None, Some(name)));
+    let again = import_bytes(&path.with_extension("glb").to_string_lossy(), &made.bytes, &options)?;
     // A document has its own.
-    if !gltf && again.clips.is_empty() {
-        again.clips = imported.clips;
+    if let (Some(name), false, true) = (motion, gltf, again.clips.is_empty()) {
+        let whole = import(path, &reading(args, None, Some(name)))?;
+        let reading = riglab_asset::Reading { warnings: whole.reading.warnings, ..again.reading };
+        return Ok((made.bytes, Imported { clips: whole.clips, reading, ..again }));
     }
     Ok((made.bytes, again))
 }
 
-/// The motion that is asked for, by joints of the rig.
-fn motion(args: &Args, source: &Imported, rig: &Rig) -> Result<Clip> {
-    let shown = args.input.display();
-    let made = |kind: MotionKind| {
-        let seconds = args.seconds.unwrap_or(4.0);
-        if seconds * f64::from(args.fps) * rig.skeleton().len() as f64 > MOST_KEYS {
-            bail!(
-                "{shown} has {} joints, too many for {seconds} s at {} frames a second; lower --seconds or --fps",
-                rig.skeleton().len(),
-                args.fps
-            );
+/// What is played.
+enum Chosen {
+    /// A motion of the file, by its name.
+    Own(String),
+    Made(MotionKind),
+}
+
+impl Chosen {
+    fn own(&self) -> Option<&str> {
+        match self {
+            Self::Own(name) => Some(name),
+            Self::Made(_) => None,
         }
-        Ok(generate(rig, &Motion { kind, seconds, rate: args.fps, seed: args.seed }))
-    };
+    }
+}
+
+/// Which motion is asked for, of a file that has some of these names and warns of others.
+fn chosen(args: &Args, names: &[String], warnings: &[Warning]) -> Result<Chosen> {
+    let shown = args.input.display();
+    let left_out = || warnings.iter().filter_map(left_out).flatten();
     let Some(wanted) = &args.motion else {
         // What an earlier call made is of a motion that is there, too.
-        let first = source.clips.iter().find(|clip| base(clip.name()) == clip.name()).or(source.clips.first());
-        return first.map_or_else(|| made(MotionKind::Shake), |clip| Ok(clip.clone()));
+        let first = names.iter().find(|name| base(name) == **name).or(names.first());
+        return match (first, left_out().next()) {
+            (Some(name), _) => Ok(Chosen::Own(name.clone())),
+            (None, None) => Ok(Chosen::Made(MotionKind::Shake)),
+            (None, Some(why)) => bail!("{shown}: its motions cannot be read: {why}; --motion shake makes one"),
+        };
     };
-    if let Some(clip) = source.clips.iter().find(|c| c.name() == wanted) {
-        return Ok(clip.clone());
+    if names.contains(wanted) {
+        return Ok(Chosen::Own(wanted.clone()));
     }
-    match MotionKind::ALL.iter().find(|(name, _)| name == wanted) {
-        Some((_, kind)) => made(*kind),
-        None => {
-            let own: Vec<String> = source.clips.iter().map(|c| format!("`{}`", c.name())).collect();
-            let own = if own.is_empty() { "none".into() } else { own.join(", ") };
-            bail!("{shown} has no motion `{wanted}`; it has {own}, and there are `shake`, `turn` and `hop`")
-        }
+    if let Some((_, kind)) = MotionKind::ALL.iter().find(|(name, _)| name == wanted) {
+        return Ok(Chosen::Made(*kind));
     }
+    if let Some(why) = left_out().find(|why| why.starts_with(&format!("`{wanted}` ("))) {
+        bail!("{shown}: a motion cannot be read: {why}");
+    }
+    let own: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    let own = if own.is_empty() { "none".into() } else { own.join(", ") };
+    bail!("{shown} has no motion `{wanted}`; it has {own}, and there are `shake`, `turn` and `hop`")
+}
+
+/// The motions that a warning is of, each with the reason why it is not read.
+fn left_out(warning: &Warning) -> Option<&Vec<String>> {
+    if let Warning::ClipsLeftOut { clips } = warning { Some(clips) } else { None }
+}
+
+/// A motion of the file, as it was read for being played.
+fn own(args: &Args, source: &Imported, name: &str) -> Result<Clip> {
+    let shown = args.input.display();
+    let Some(clip) = source.clips.iter().find(|clip| clip.name() == name) else {
+        let why = source.warnings().iter().filter_map(left_out).flatten().next().map_or(name, String::as_str);
+        bail!("{shown}: a motion cannot be played: {why}; a lower --fps makes it shorter, and so does --seconds");
+    };
+    if source.warnings().iter().any(|w| matches!(w, Warning::ClipsCut { .. })) && args.seconds.is_none() {
+        tell!("warning: {shown}: the motion `{name}` is cut after {}", counted(clip.frames(), "frame"));
+    }
+    Ok(clip.clone())
+}
+
+/// A motion that is made, of joints of the rig.
+fn made(args: &Args, kind: MotionKind, rig: &Rig) -> Result<Clip> {
+    let seconds = args.seconds.unwrap_or(4.0);
+    if seconds * f64::from(args.fps) * rig.skeleton().len() as f64 > MOST_KEYS {
+        bail!(
+            "{} has {} joints, too many for {seconds} s at {} frames a second; lower --seconds or --fps",
+            args.input.display(),
+            rig.skeleton().len(),
+            args.fps
+        );
+    }
+    Ok(generate(rig, &Motion { kind, seconds, rate: args.fps, seed: args.seed }))
 }
 
 fn named(clip: &Clip, name: &str) -> Result<Clip> {
