@@ -317,6 +317,22 @@ fn a_folder_is_rigged_file_by_file() {
 }
 
 #[test]
+fn the_file_of_the_skeleton_is_no_output() {
+    let dir = tempfile::tempdir().unwrap();
+    let (rigged, bare) = creatures(dir.path(), "1").remove(0);
+    let (bones, before) = (dir.path().join("out/a.glb"), fs::read(&rigged).unwrap());
+    for (input, name) in [("in", "out"), ("in/a.glb", "out/a.glb")] {
+        fs::create_dir_all(dir.path().join("in")).unwrap();
+        fs::create_dir_all(dir.path().join("out")).unwrap();
+        fs::copy(&bare, dir.path().join("in/a.glb")).unwrap();
+        fs::copy(&rigged, &bones).unwrap();
+        let [input, out] = [input, name].map(|name| dir.path().join(name));
+        let said = refusal(&mut riglab(&["rig", text(&input), "-o", text(&out), "--skeleton", text(&bones)]));
+        assert!(said.contains("inputs are never changed") && fs::read(&bones).unwrap() == before, "{said}");
+    }
+}
+
+#[test]
 fn what_cannot_be_rigged_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let (rigged, bare) = creatures(dir.path(), "1").remove(0);

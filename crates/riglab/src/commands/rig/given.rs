@@ -7,10 +7,13 @@ use riglab_asset::rigging::UpAxis;
 use riglab_asset::{ImportOptions, import, is_model_file, read_arrays};
 use riglab_core::{Bounds, Joint, JointId, Mesh, Skeleton, Vec3};
 
+/// A skeleton that was read, with what was repaired or is doubtful.
+pub type Read = (Skeleton, Vec<String>);
+
 /// Reads a skeleton: of a rigged file, or of a file of joints alone, as a rig text without mesh and weights or what a
 /// skeleton stage predicts. Where the file shows it, as a model is that is read without its rig; with what was repaired or is
 /// doubtful.
-pub fn read(file: &Path) -> Result<(Skeleton, Vec<String>)> {
+pub fn read(file: &Path) -> Result<Read> {
     match import(file, &ImportOptions::default()) {
         Ok(imported) => {
             let rig = imported.rig().with_context(|| format!("{}: there is no skeleton in it", file.display()))?;

@@ -266,7 +266,12 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     if args.skip_existing && !args.input.is_dir() {
         bail!("--skip-existing is for a folder of models, and {} is none; leave it out", args.input.display());
     }
+    let skeleton = match bones {
+        Bones::Given { from: Given::File(file), .. } => Some(file.as_path()),
+        _ => None,
+    };
     let (jobs, mut skipped) = jobs(&args.input, &args.out, args.to)?;
+    spare_inputs(&jobs, skeleton)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
     jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
@@ -281,16 +286,13 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";
     into.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
-    // Of one file it is told with that.
-    if let (true, Bones::Given { from: Given::File(file), .. }) = (args.input.is_dir(), bones) {
-        given::read(file)?;
-    }
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
-    // Before the model is read, which may take long.
+    // Before the network is read, which may take long.
     if !args.input.exists() {
         bail!("{}: there is no such file or folder", args.input.display());
     }
+    let given = skeleton.map(given::read).transpose()?;
     let reading = args.checkpoint.as_ref().map(|path| Spinner::new(&format!("reading {}", path.display())));
     let mut model = Model::open(args.checkpoint.as_deref(), weights, device)?;
     drop(reading);
@@ -311,13 +313,13 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     tell!("model: {}, {} steps{by}{hint}", model.card.name, model.card.state.step);
     if !args.input.is_dir() {
         let (from, to) = &jobs[0];
-        return one::rig(args, bones, &model, from, to).map(|()| ExitCode::SUCCESS);
+        return one::rig(args, (bones, given.as_ref()), &model, from, to).map(|()| ExitCode::SUCCESS);
     }
     tell_skipped(args, &skipped);
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
     for (done, (from, to)) in jobs.iter().enumerate() {
-        if let Err(e) = one::rig(args, bones, &model, from, to) {
+        if let Err(e) = one::rig(args, (bones, given.as_ref()), &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
             if args.json {
                 say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "error": format!("{e:#}") }));
@@ -353,6 +355,20 @@ fn written(to: &Path) -> Written {
     match Target::of(to) {
         Ok(target) if is_fbx(to) => Written::Format(target),
         _ => Written::Glb,
+    }
+}
+
+/// Refuses to write over a model that is read, or over the file of the skeleton.
+fn spare_inputs(jobs: &[(PathBuf, PathBuf)], skeleton: Option<&Path>) -> Result<()> {
+    let read = jobs.iter().map(|(from, _)| from.as_path()).chain(skeleton);
+    let read: HashSet<PathBuf> = read.filter_map(|file| file.canonicalize().ok()).collect();
+    match jobs.iter().find(|(_, to)| to.canonicalize().is_ok_and(|real| read.contains(&real))) {
+        Some((from, to)) => bail!(
+            "{}, to which the rig of {} would be written, is an input itself, and inputs are never changed; give another --out",
+            to.display(),
+            from.display()
+        ),
+        None => Ok(()),
     }
 }
 
@@ -468,6 +484,29 @@ mod tests {
             let said = name(Path::new("a.glb"), Some(Target::FBX)).unwrap_err().to_string();
             assert!(said.ends_with("give one that ends in .fbx"), "{said}");
             assert_eq!(name(Path::new("a.FBX"), Some(Target::FBX)).unwrap(), "a.FBX");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn no_input_is_written_over_by_whatever_way() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for name in ["m/sub/a.glb", "m/sub/sub/a.glb", "in/b.glb", "out/none"] {
+            std::fs::create_dir_all(at(name).parent().unwrap()).unwrap();
+            std::fs::write(at(name), b"glTF").unwrap();
+        }
+        std::os::unix::fs::symlink("../in/b.glb", at("out/b.glb")).unwrap();
+        let spared = |input: &str, out: &str, skeleton: Option<&str>| {
+            let (jobs, _) = jobs(&at(input), &at(out), None).unwrap();
+            spare_inputs(&jobs, skeleton.map(at).as_deref()).map_err(|e| e.to_string())
+        };
+        assert!(spared("m/sub", "m", None).unwrap_err().contains("m/sub/a.glb, to which"));
+        assert!(spared("in", "out", None).unwrap_err().contains("inputs are never changed"));
+        // Nor the skeleton, of a folder or of one model.
+        assert_eq!(spared("in", "m/sub", Some("m/sub/a.glb")), Ok(()));
+        for (input, out) in [("m/sub/sub", "m/sub"), ("in/b.glb", "m/sub/a.glb")] {
+            assert!(spared(input, out, Some("m/sub/a.glb")).unwrap_err().contains("m/sub/a.glb, to which"));
         }
     }
 

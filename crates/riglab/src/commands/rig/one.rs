@@ -22,8 +22,14 @@ use riglab_train::Spinner;
 use super::model::Model;
 use super::{Bones, Common, Given, given, is_fbx};
 
-/// Reads `from`, rigs it, writes `to`.
-pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) -> Result<()> {
+/// Reads `from`, rigs it, writes `to`. `read`: what the file of the skeleton holds, where there is one.
+pub fn rig(
+    args: &Common,
+    (bones, read): (&Bones, Option<&given::Read>),
+    model: &Model,
+    from: &Path,
+    to: &Path,
+) -> Result<()> {
     let start = Instant::now();
     let options = SubjectOptions {
         keep_rig: bones.keeps_rig(),
@@ -52,7 +58,7 @@ pub fn rig(args: &Common, bones: &Bones, model: &Model, from: &Path, to: &Path) 
         };
         noted(from, &mut notes, said);
     }
-    let (given, said) = skeleton(args, bones, &subject, (from, &options))?;
+    let (given, said) = skeleton(args, (bones, read), &subject, (from, &options))?;
     notes.extend(said);
     let class = match bones {
         Bones::Predicted { template, .. } => template.as_deref().map(|told| model.template(told)),
@@ -350,7 +356,7 @@ fn preview(bytes: &[u8], from: &Path) -> Result<Vec<u8>> {
 /// The skeleton that stays, in the mesh's space, and what a person should know of it.
 fn skeleton(
     args: &Common,
-    bones: &Bones,
+    (bones, read): (&Bones, Option<&given::Read>),
     subject: &Subject,
     (from, options): (&Path, &SubjectOptions),
 ) -> Result<(Option<Skeleton>, Vec<String>)> {
@@ -373,8 +379,9 @@ fn skeleton(
         }
         Given::Kept => kept(subject, from).map(|own| (Some(own), Vec::new())),
         Given::File(file) => {
-            let (skeleton, mut notes) = given::read(file)?;
-            let stood = given::stood(&skeleton, subject.mesh(), args.up, args.skeleton_up)?;
+            let (skeleton, notes) = read.with_context(|| format!("{} was not read", file.display()))?;
+            let mut notes = notes.clone();
+            let stood = given::stood(skeleton, subject.mesh(), args.up, args.skeleton_up)?;
             notes.extend(stood.note);
             notes.iter().for_each(|note| tell!("note: {}: {note}", file.display()));
             Ok((Some(stood.skeleton), notes))
