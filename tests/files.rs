@@ -549,6 +549,21 @@ fn results_leave_protected_files_alone_and_private_ones_private() {
 
 #[cfg(unix)]
 #[test]
+fn what_cannot_be_looked_at_is_left_out_and_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("in"), 2);
+    std::os::unix::fs::symlink("nowhere", path("in/broken.glb")).unwrap();
+    for (out, format) in [("out/", "obj"), ("all.pt", "anymate")] {
+        let done = riglab(&["convert", text(&path("in")), text(&path(out)), "--to", format]).output().unwrap();
+        assert_eq!(done.status.code(), Some(1), "{format}");
+        let said = String::from_utf8(done.stdout).unwrap();
+        assert!(said.contains('2') && said.contains("1 left out"), "{said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
 fn hidden_files_and_write_protected_corpora_are_left_alone() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);

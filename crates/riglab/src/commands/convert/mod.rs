@@ -157,7 +157,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         ),
         None => Target::of(&args.out)?,
     };
-    let files = if args.input.is_dir() { rigged(&args.input, &args.out, target)? } else { vec![args.input.clone()] };
+    let (files, unread) =
+        if args.input.is_dir() { rigged(&args.input, &args.out, target)? } else { (vec![args.input.clone()], 0) };
     // A VRM is a GLB, and what has no ending may be a folder.
     let fits = |of: &std::ffi::OsStr| {
         of.eq_ignore_ascii_case(target.ending()) || target == Target::GLB && of.eq_ignore_ascii_case("vrm")
@@ -198,7 +199,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         }
         return match &corpus {
             Some(corpus) => corpus::into(corpus, args, target),
-            None => into(args, &files, target, &options, &inputs),
+            None => into(args, (&files, unread), target, &options, &inputs),
         };
     }
     if let Some(corpus) = &corpus {
@@ -209,7 +210,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         };
     }
     if several {
-        return together(args, &files, target, &options, &inputs);
+        return together(args, (&files, unread), target, &options, &inputs);
     }
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
@@ -221,16 +222,16 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Every asset into a file of its own.
+/// Every asset into a file of its own. `unread`: how many files could not be looked at, which was told.
 fn into(
     args: &Args,
-    files: &[PathBuf],
+    (files, unread): (&[PathBuf], usize),
     target: Target,
     options: &ImportOptions,
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
     let (out, input) = (&args.out, &args.input);
-    let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
+    let (mut written, mut failed, mut lost) = (0, unread, Lost::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
     let progress = OfFiles::new("converting", files.len());
@@ -299,7 +300,7 @@ fn is_io(e: &anyhow::Error) -> bool {
 /// All assets into one file, written as they are read.
 fn together(
     args: &Args,
-    files: &[PathBuf],
+    (files, unread): (&[PathBuf], usize),
     target: Target,
     options: &ImportOptions,
     inputs: &HashSet<PathBuf>,
@@ -308,7 +309,7 @@ fn together(
     spare(inputs, out, target, args)?;
     make_folder_of(out)?;
     let mut filling = Filling::new(out, target)?;
-    let (mut failed, mut broken) = (0, Ok(()));
+    let (mut failed, mut broken) = (unread, Ok(()));
     let known = args.input.is_dir().then(|| Known::of(&args.input)).transpose()?;
     // The names that were written, with what is known of each.
     let (mut written, mut about) = (Vec::new(), Vec::new());
@@ -394,8 +395,9 @@ fn numbered(name: &str, again: usize, target: Target) -> String {
     format!("{plain}{number}{}", target.suffix())
 }
 
-/// Rigged files of a folder and those below it, without those that an earlier call wrote there.
-fn rigged(folder: &Path, out: &Path, target: Target) -> Result<Vec<PathBuf>> {
+/// Rigged files of a folder and those below it, without those that an earlier call wrote there; and how many could not be
+/// looked at.
+fn rigged(folder: &Path, out: &Path, target: Target) -> Result<(Vec<PathBuf>, usize)> {
     let found = inputs::below(folder, out, "file", |path| is_rig_file(path) || is_model_file(path));
     let (files, bare): (Vec<PathBuf>, Vec<PathBuf>) = found.files.into_iter().partition(|path| is_rig_file(path));
     let bare = bare_names(folder, &files, bare);
@@ -406,7 +408,8 @@ fn rigged(folder: &Path, out: &Path, target: Target) -> Result<Vec<PathBuf>> {
     if files.is_empty() {
         bail!("{}: no rigged file in this folder or below it", folder.display());
     }
-    Ok(if export::same_file(folder, out) { to_convert(files, target) } else { files })
+    let files = if export::same_file(folder, out) { to_convert(files, target) } else { files };
+    Ok((files, found.unread.len()))
 }
 
 /// Of the files of a folder that is converted into itself those to be converted: what riglab wrote there in the format is
@@ -442,7 +445,8 @@ mod tests {
             std::fs::write(at(name), "v 0 0 0\n").unwrap();
         }
         std::fs::write(at("c_rig.txt"), "joints a 0 0 0\nroot a\n").unwrap();
-        let rigged = rigged(dir.path(), &at("out"), Target::GLB).unwrap();
+        let (rigged, unread) = rigged(dir.path(), &at("out"), Target::GLB).unwrap();
+        assert_eq!(unread, 0);
         assert_eq!(rigged, [at("a.glb"), at("c_rig.txt")]);
         let bare = ["c.obj", "d.stl", "sub/b.obj"].map(at).to_vec();
         assert_eq!(bare_names(dir.path(), &rigged, bare), ["d.stl", "sub/b.obj"]);

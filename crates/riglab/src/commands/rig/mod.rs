@@ -270,18 +270,18 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         Bones::Given { from: Given::File(file), .. } => Some(file.as_path()),
         _ => None,
     };
-    let (jobs, mut skipped) = jobs(&args.input, &args.out, args.to)?;
+    let (jobs, unread) = jobs(&args.input, &args.out, args.to)?;
     spare_inputs(&jobs, skeleton)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
         jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
     jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
-    skipped.extend(there.iter().map(|(from, to)| (from.clone(), format!("{} is there already", to.display()))));
     if jobs.is_empty() {
-        tell_skipped(args, &skipped);
+        tell_left(args, &there, &unread);
         let all =
             if there.len() == 1 { "the only result is".into() } else { format!("all {} results are", there.len()) };
-        tell_counts(args, &format!("nothing to do: {all} there already in {}", args.out.display()));
-        return Ok(ExitCode::SUCCESS);
+        let left = if unread.is_empty() { String::new() } else { format!(", {} left out", unread.len()) };
+        tell_counts(args, &format!("nothing to do: {all} there already in {}{left}", args.out.display()));
+        return Ok(if unread.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE });
     }
     let into = if args.input.is_dir() { Some(args.out.as_path()) } else { jobs[0].1.parent() };
     let remedy = "give --out a place where you may write, or make this one so";
@@ -315,30 +315,37 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         let (from, to) = &jobs[0];
         return one::rig(args, (bones, given.as_ref()), &model, from, to).map(|()| ExitCode::SUCCESS);
     }
-    tell_skipped(args, &skipped);
+    tell_left(args, &there, &unread);
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
     for (done, (from, to)) in jobs.iter().enumerate() {
         if let Err(e) = one::rig(args, (bones, given.as_ref()), &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
-            if args.json {
-                say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "error": format!("{e:#}") }));
-            }
+            tell_fault(args, from, &format!("{e:#}"));
             failed += 1;
         }
         progress.set(done as u64 + 1, String::new);
     }
     progress.finish();
     let earlier = if there.is_empty() { String::new() } else { format!(", {} already there", there.len()) };
-    let counts = format!("{} rigged in {}, {failed} left out{earlier}", jobs.len() - failed, args.out.display());
-    tell_counts(args, &counts);
-    Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    let (rigged, left) = (jobs.len() - failed, failed + unread.len());
+    tell_counts(args, &format!("{rigged} rigged in {}, {left} left out{earlier}", args.out.display()));
+    Ok(if left > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// Tells who reads lines of JSON what is skipped, and why.
-fn tell_skipped(args: &Common, skipped: &[(PathBuf, String)]) {
-    for (path, why) in skipped.iter().filter(|_| args.json) {
-        say!("{}", serde_json::json!({ "file": path.to_string_lossy(), "skipped": why }));
+/// Tells who reads lines of JSON which results are there already, and what could not be looked at.
+fn tell_left(args: &Common, there: &[(PathBuf, PathBuf)], unread: &[(PathBuf, String)]) {
+    for (from, to) in there.iter().filter(|_| args.json) {
+        let why = format!("{} is there already", to.display());
+        say!("{}", serde_json::json!({ "file": from.to_string_lossy(), "skipped": why }));
+    }
+    unread.iter().for_each(|(path, why)| tell_fault(args, path, why));
+}
+
+/// Tells who reads lines of JSON why a file is left out.
+fn tell_fault(args: &Common, file: &Path, why: &str) {
+    if args.json {
+        say!("{}", serde_json::json!({ "file": file.to_string_lossy(), "error": why }));
     }
 }
 
