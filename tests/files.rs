@@ -524,6 +524,18 @@ fn what_one_file_of_many_cannot_hold_is_left_out() {
         let lines = must(&["inspect", "--json", text(&out)]).stdout;
         assert_eq!(String::from_utf8(lines).unwrap().lines().count(), 2);
     }
+    // What else it has is not lost with the one file either.
+    let lost = |folder: &str| {
+        let done =
+            riglab(&["convert", text(&path(folder)), text(&path("some.pt")), "--to", "anymate"]).output().unwrap();
+        let said = String::from_utf8(done.stderr).unwrap();
+        said.lines().find_map(|line| line.split_once(" hold none: ").map(|(_, what)| what.to_owned()))
+    };
+    must(&["convert", text(&path("made/long_rig.txt")), text(&path("long.glb"))]);
+    fs::remove_file(path("made/long_rig.txt")).unwrap();
+    let before = lost("made");
+    fs::rename(path("long.glb"), path("made/long.glb")).unwrap();
+    assert!(before.as_ref().is_some_and(|before| before.contains("material")) && before == lost("made"), "{before:?}");
 }
 
 #[cfg(unix)]

@@ -323,11 +323,12 @@ fn together(
         let (one_of_several, mut open) = (known.is_some() && count > 1, tally.open(count));
         import_each(file, options, |imported| {
             open.one();
+            let mut with = None;
             if let Ok(imported) = &imported {
                 warn(imported);
                 if imported.rig().is_some() {
                     tell_place(imported);
-                    lost = std::mem::take(&mut lost).with(imported, target);
+                    with = Some(lost.clone().with(imported, target));
                 }
             }
             let placed = imported.and_then(Imported::into_asset).map(|asset| args.placed(asset, target));
@@ -346,6 +347,8 @@ fn together(
                         return ControlFlow::Break(());
                     }
                     written.push(asset.name);
+                    // Of what is left out nothing else is lost.
+                    lost = with.unwrap_or_else(|| std::mem::take(&mut lost));
                 }
                 Err(e) => {
                     tell!("left out: {e}");
