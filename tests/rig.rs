@@ -318,6 +318,40 @@ fn a_folder_is_rigged_file_by_file() {
 }
 
 #[test]
+fn a_result_of_another_model_is_not_skipped() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(dir.path(), "2");
+    let (input, few) = (dir.path().join("in"), ["--samples", "1", "--skins", "1"]);
+    fs::create_dir(&input).unwrap();
+    must(&["convert", text(&all[0].1), text(&input.join("fox.obj"))]);
+    for (format, ending) in [("glb", "glb"), ("fbx", "fbx")] {
+        let out = dir.path().join(format);
+        let again = || {
+            let args = ["rig", text(&input), "-o", text(&out), "--to", format, "--skip-existing", "--json"];
+            let said = String::from_utf8(must(&[&args[..], &few].concat()).stdout).unwrap();
+            let lines: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+            lines.iter().filter(|line| line["skipped"].is_string()).count()
+        };
+        let of = |name: &str| inspect(&out.join(name))["triangles"].clone();
+        // Of two that are called alike, the one that comes later takes the name of the first.
+        let other = input.join(format!("fox.{ending}"));
+        assert_eq!((again(), again()), (0, 1));
+        assert_eq!(of(&format!("fox.{ending}")), inspect(&all[0].1)["triangles"]);
+        must(&["convert", text(&all[1].1), text(&other)]);
+        assert_eq!((again(), again()), (0, 2));
+        assert_eq!(of(&format!("fox.{ending}")), inspect(&all[1].1)["triangles"]);
+        assert_eq!(of(&format!("fox.obj.{ending}")), inspect(&all[0].1)["triangles"]);
+        // What was cut off is made again.
+        let cut = out.join(format!("fox.{ending}"));
+        let bytes = fs::read(&cut).unwrap();
+        fs::write(&cut, &bytes[..bytes.len() - 100]).unwrap();
+        assert_eq!(again(), 1);
+        assert_eq!(fs::read(&cut).unwrap(), bytes);
+        fs::remove_file(other).unwrap();
+    }
+}
+
+#[test]
 fn the_file_of_the_skeleton_is_no_output() {
     let dir = tempfile::tempdir().unwrap();
     let (rigged, bare) = creatures(dir.path(), "1").remove(0);

@@ -489,6 +489,11 @@ pub fn animate(
     gltf::export::animate(bytes, folder, &imported.reading, skeleton, std::slice::from_ref(clip)).map_err(fail)
 }
 
+/// A GLB that says in it which file it was made of, for [`crate::Target::made_of`]; as it is where it has no place for that.
+pub fn made_of(glb: Vec<u8>, file: &str) -> Vec<u8> {
+    gltf::say_made_of(&glb, file).unwrap_or(glb)
+}
+
 /// Writes a file whole or not at all: under a temporary name in the same folder, synced, then renamed. A kill
 /// at any moment leaves what was there. A link is followed; a device or folder is not replaced.
 ///

@@ -17,6 +17,23 @@ const FOOTER_ID: [u8; 16] =
 
 const CREATOR: &str = concat!("riglab ", env!("CARGO_PKG_VERSION"));
 
+/// Where a file says which one it was made of: a word of riglab's own, which others pass over.
+const MADE_OF: &str = "MadeOf";
+
+/// What binary files end in.
+pub(crate) const END: [u8; 16] =
+    [0xf8, 0x5a, 0x8c, 0x6a, 0xde, 0xf5, 0xd9, 0x7e, 0xec, 0xe9, 0x0c, 0xe3, 0x75, 0x8f, 0x29, 0x0b];
+
+/// What a file that starts like this says it was made of.
+pub(crate) fn made_of(start: &[u8]) -> Option<String> {
+    // Behind the name stand the kind of the value, its length, and it.
+    let named = [MADE_OF.as_bytes(), b"S"].concat();
+    let at = start.windows(named.len()).position(|word| word == named)? + named.len();
+    let length = u32::from_le_bytes(*start.get(at..)?.first_chunk()?) as usize;
+    let value = start.get(at + 4..)?.get(..length)?;
+    Some(String::from_utf8_lossy(value).into_owned())
+}
+
 /// What stands between an object's name and its class.
 const CLASS: &str = "\0\x01";
 
@@ -62,13 +79,15 @@ pub(super) enum Property<'a> {
 pub(super) struct File(Writer<Cursor<Vec<u8>>>);
 
 /// A file: header and settings, then how many objects of each kind there are (`kinds`), the objects and their connections.
+/// `made_of`: the file that it says it was made of.
 pub(super) fn file(
+    made_of: Option<&str>,
     kinds: &[(&str, usize)],
     objects: impl FnOnce(&mut File) -> Result<(), Error>,
     connections: impl FnOnce(&mut File) -> Result<(), Error>,
 ) -> Result<Vec<u8>, Error> {
     let mut file = File(Writer::new(Cursor::new(Vec::new()), FbxVersion::V7_4)?);
-    file.header()?;
+    file.header(made_of)?;
     file.settings()?;
     file.node("Documents", &[], |file| {
         file.leaf("Count", &[Int(1)])?;
@@ -170,12 +189,13 @@ impl File {
         self.leaf("C", &[Text("OP"), Long(what), Long(to), Text(property)])
     }
 
-    fn header(&mut self) -> Result<(), Error> {
+    fn header(&mut self, made_of: Option<&str>) -> Result<(), Error> {
         self.node("FBXHeaderExtension", &[], |file| {
             file.leaf("FBXHeaderVersion", &[Int(1003)])?;
             file.leaf("FBXVersion", &[Int(7400)])?;
             file.leaf("EncryptionType", &[Int(0)])?;
-            file.leaf("Creator", &[Text(CREATOR)])
+            file.leaf("Creator", &[Text(CREATOR)])?;
+            made_of.map_or(Ok(()), |name| file.leaf(MADE_OF, &[Text(name)]))
         })?;
         self.leaf("FileId", &[Bytes(&FILE_ID)])?;
         self.leaf("CreationTime", &[Text(CREATION_TIME)])?;

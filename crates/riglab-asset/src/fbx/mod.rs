@@ -32,6 +32,7 @@ use crate::budget::Budget;
 use crate::reading::Told;
 use crate::{Fault, Reading, Resample};
 pub use document::{FbxFault, FbxFile, FbxLeft, glb_to_fbx};
+pub(crate) use file::{END, made_of};
 use joints::Joints;
 pub(crate) use model::{Left, Origin, Taken, counted, model};
 use scene::Nodes;

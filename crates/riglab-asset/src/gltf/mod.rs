@@ -49,7 +49,9 @@ use document::Document;
 pub use draco::decode_draco;
 pub use meshopt::decode_meshopt;
 use nodes::Nodes;
-pub(crate) use own::is_own;
+#[cfg(feature = "fbx")]
+pub(crate) use own::said_made_of;
+pub(crate) use own::{is_own, made_of, say_made_of};
 use placing::Apart;
 use skins::Skins;
 pub use write::to_glb;

@@ -1,4 +1,4 @@
-//! Which GLBs riglab wrote.
+//! Which GLBs riglab wrote, and what of.
 
 use std::fs::File;
 use std::io::Read;
@@ -6,11 +6,16 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use super::export::container;
+use super::glb::chunks;
 use crate::maker::{MAKER, is_maker};
 
 /// Where a document that another program made says in its asset's `extras` who wrote this file: its generator stays, as
 /// loaders know by it how to read what that program wrote.
 const WRITER: &str = "writer";
+
+/// Where a document says in its asset's `extras` which file a model was rigged of.
+const MADE_OF: &str = "madeOf";
 
 /// Marks a document as written by riglab. One whose `extras` are no object stays without a mark.
 pub(super) fn mark(document: &mut Value) {
@@ -25,17 +30,41 @@ pub(super) fn mark(document: &mut Value) {
 
 /// Whether a GLB says that riglab wrote it.
 pub(crate) fn is_own(glb: &Path) -> bool {
-    let asset = || {
-        let mut file = File::open(glb).ok()?;
-        let mut head = [0; 20];
-        file.read_exact(&mut head).ok()?;
-        let length = u32::from_le_bytes(*head[12..].first_chunk()?);
-        // A chunk may say that it is longer than its file.
-        let mut chunk = Vec::new();
-        file.take(length.into()).read_to_end(&mut chunk).ok()?;
-        Some(serde_json::from_slice::<Value>(&chunk).ok()?["asset"].take())
-    };
-    asset().is_some_and(|asset| said_by(&asset["generator"]) || said_by(&asset["extras"][WRITER]))
+    asset(glb).is_some_and(|asset| said_by(&asset["generator"]) || said_by(&asset["extras"][WRITER]))
+}
+
+/// What a GLB says of itself.
+fn asset(glb: &Path) -> Option<Value> {
+    let mut file = File::open(glb).ok()?;
+    let mut head = [0; 20];
+    file.read_exact(&mut head).ok()?;
+    let length = u32::from_le_bytes(*head[12..].first_chunk()?);
+    // A chunk may say that it is longer than its file.
+    let mut chunk = Vec::new();
+    file.take(length.into()).read_to_end(&mut chunk).ok()?;
+    Some(serde_json::from_slice::<Value>(&chunk).ok()?.get_mut("asset")?.take())
+}
+
+/// The file that a GLB says it was made of.
+pub(crate) fn made_of(glb: &Path) -> Option<String> {
+    asset(glb)?["extras"][MADE_OF].as_str().map(str::to_owned)
+}
+
+/// The same of a GLB's bytes.
+#[cfg(feature = "fbx")]
+pub(crate) fn said_made_of(glb: &[u8]) -> Option<String> {
+    let document: Value = serde_json::from_slice(chunks(glb).ok()?.json).ok()?;
+    document["asset"]["extras"][MADE_OF].as_str().map(str::to_owned)
+}
+
+/// A GLB that says which file it was made of. One whose `extras` are no object has no place for it.
+pub(crate) fn say_made_of(glb: &[u8], name: &str) -> Option<Vec<u8>> {
+    let chunks = chunks(glb).ok()?;
+    let mut document: Value = serde_json::from_slice(chunks.json).ok()?;
+    let asset = document.get_mut("asset")?.as_object_mut()?;
+    let extras = asset.entry("extras").or_insert_with(|| json!({})).as_object_mut()?;
+    extras.insert(MADE_OF.into(), json!(name));
+    container(document.to_string().into_bytes(), chunks.binary.unwrap_or_default().to_vec()).ok()
 }
 
 fn said_by(value: &Value) -> bool {

@@ -117,11 +117,12 @@ fn plural(one: &str) -> String {
 /// What is wrong with the GLB, or that the file would be too large.
 pub fn glb_to_fbx(glb: &[u8]) -> Result<FbxFile, FbxFault> {
     let contents = Contents::read(glb)?;
-    let bytes = write(&contents).map_err(|error| FbxFault::TooLong(error.to_string()))?;
+    let bytes = write(&contents, crate::gltf::said_made_of(glb).as_deref())
+        .map_err(|error| FbxFault::TooLong(error.to_string()))?;
     Ok(FbxFile { bytes, left: FbxLeft(contents.left) })
 }
 
-fn write(contents: &Contents) -> Result<Vec<u8>, Error> {
+fn write(contents: &Contents, made_of: Option<&str>) -> Result<Vec<u8>, Error> {
     let clusters: usize = contents.meshes.iter().filter_map(|mesh| mesh.skin.as_ref()).map(|s| s.clusters.len()).sum();
     let skins = contents.meshes.iter().filter(|mesh| mesh.skin.is_some()).count();
     let models = models::count(contents);
@@ -158,7 +159,7 @@ fn write(contents: &Contents) -> Result<Vec<u8>, Error> {
         looks::connect(file, contents)?;
         motions.connect(file)
     };
-    file(&kinds, objects, connections)
+    file(made_of, &kinds, objects, connections)
 }
 
 fn geometry(file: &mut File, number: usize, mesh: &Mesh) -> Result<(), Error> {

@@ -164,7 +164,7 @@ impl Draft {
 }
 
 /// Header, JSON chunk, binary chunk.
-pub(super) fn container(mut json: Vec<u8>, mut bytes: Vec<u8>) -> Result<Vec<u8>, usize> {
+pub(in crate::gltf) fn container(mut json: Vec<u8>, mut bytes: Vec<u8>) -> Result<Vec<u8>, usize> {
     json.resize(json.len().next_multiple_of(4), b' ');
     bytes.resize(bytes.len().next_multiple_of(4), 0);
     let chunks: Vec<(&[u8; 4], Vec<u8>)> =

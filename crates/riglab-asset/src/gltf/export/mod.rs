@@ -47,6 +47,7 @@ use crate::maker::MAKER;
 use crate::{ExportFault, ExportNote, ExportOptions, Exported, Fault, ImportOptions, Imported, Reading, Warning};
 use bind::Binder;
 use draft::Draft;
+pub(super) use draft::container;
 use scene::{Same, Scene};
 
 /// See [`crate::export::onto`]. A skeleton that is not the file's own stands, with all that it holds, `off` from where the rig

@@ -1,5 +1,9 @@
 //! Formats that are written by modules of their own: what riglab asks of them.
 
+use std::fs::File;
+use std::io::Read;
+#[cfg(feature = "fbx")]
+use std::io::{Seek, SeekFrom};
 use std::path::Path;
 
 use riglab_core::Asset;
@@ -35,6 +39,18 @@ impl Writes for Glb {
 
     fn is_own(&self, path: &Path, _: &[u8]) -> bool {
         crate::gltf::is_own(path)
+    }
+
+    /// It is as long as it says.
+    fn is_whole(&self, path: &Path) -> bool {
+        let mut head = [0; 12];
+        let read = File::open(path).and_then(|mut file| file.read_exact(&mut head));
+        let told = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
+        read.is_ok() && path.metadata().is_ok_and(|meta| meta.len() == u64::from(told))
+    }
+
+    fn made_of(&self, path: &Path) -> Option<String> {
+        crate::gltf::made_of(path)
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
@@ -96,6 +112,21 @@ impl Writes for Fbx {
         let start = &start[..start.len().min(1 << 12)];
         let mut named = start.windows(CREATOR.len()).enumerate().filter(|(_, word)| *word == CREATOR);
         named.any(|(at, word)| start.get(at + word.len() + 4..).is_some_and(crate::maker::is_maker))
+    }
+
+    fn is_whole(&self, path: &Path) -> bool {
+        let mut end = [0; crate::fbx::END.len()];
+        let read = File::open(path).and_then(|mut file| {
+            file.seek(SeekFrom::End(-(end.len() as i64)))?;
+            file.read_exact(&mut end)
+        });
+        read.is_ok() && end == crate::fbx::END
+    }
+
+    fn made_of(&self, path: &Path) -> Option<String> {
+        let mut start = Vec::new();
+        File::open(path).and_then(|file| file.take(1 << 12).read_to_end(&mut start)).ok()?;
+        crate::fbx::made_of(&start)
     }
 
     fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {

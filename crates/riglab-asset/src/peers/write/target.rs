@@ -51,6 +51,16 @@ pub(crate) trait Writes: Sync {
     /// Whether such a file, of the format, says that riglab wrote it ([`crate::maker`]).
     fn is_own(&self, path: &Path, start: &[u8]) -> bool;
 
+    /// Whether such a file has an end; of formats that say nothing of it, any has.
+    fn is_whole(&self, _path: &Path) -> bool {
+        true
+    }
+
+    /// The file that such a one says it was made of ([`crate::export::made_of`]).
+    fn made_of(&self, _path: &Path) -> Option<String> {
+        None
+    }
+
     /// What is written beside a file.
     fn beside(&self, _path: &Path) -> Option<PathBuf> {
         None
@@ -206,6 +216,16 @@ impl Target {
     /// Whether such a file says that riglab wrote it. Files of versions that left no mark do not.
     pub fn is_own(self, path: &Path) -> bool {
         start(path).is_ok_and(|start| self.0.is_at(path, &start) && self.0.is_own(path, &start))
+    }
+
+    /// Whether a file that is there is one of the format, to its end: copies may be cut off.
+    pub fn is_whole(self, path: &Path) -> bool {
+        self.is_at(path) && self.0.is_whole(path)
+    }
+
+    /// The name of the file that one of the format says it was made of; `None` where it does not say it.
+    pub fn made_of(self, path: &Path) -> Option<String> {
+        self.0.made_of(path)
     }
 
     /// The format that a file's name tells.

@@ -147,8 +147,8 @@ struct Common {
     /// Add a short motion that bends every joint, to see whether the rig works.
     #[arg(long)]
     preview: bool,
-    /// Of a folder: leave models out whose result is there already, as after a run that was interrupted, which leaves no file
-    /// half-written. With what options it was made is not asked.
+    /// Of a folder: leave models out whose result is there already and whole, as after a run that was interrupted. One that
+    /// says it was made of another file does not count; with what options it was made is not asked.
     #[arg(long)]
     skip_existing: bool,
     /// Print a line of JSON per file to standard output: what was made, or why it was left out or skipped.
@@ -273,7 +273,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     let (jobs, unread) = jobs(&args.input, &args.out, args.to)?;
     spare_inputs(&jobs, skeleton)?;
     let (there, jobs): (Vec<_>, Vec<_>) =
-        jobs.into_iter().partition(|(_, to)| args.skip_existing && written(to).is_at(to));
+        jobs.into_iter().partition(|(from, to)| args.skip_existing && is_there(from, to));
     jobs.iter().try_for_each(|(_, to)| args.overwrite.keep_others(to, written(to)))?;
     if jobs.is_empty() {
         tell_left(args, &there, &unread);
@@ -363,6 +363,18 @@ fn written(to: &Path) -> Written {
         Ok(target) if is_fbx(to) => Written::Format(target),
         _ => Written::Glb,
     }
+}
+
+/// Whether a model's result is there, to its end. Which of several that are called alike has which name depends on the others,
+/// so a result of another one, by what it says, is not this one's.
+fn is_there(from: &Path, to: &Path) -> bool {
+    let target = if is_fbx(to) { Target::of(to).unwrap_or(Target::GLB) } else { Target::GLB };
+    target.is_whole(to) && target.made_of(to).is_none_or(|of| of == file_name(from))
+}
+
+/// What a result says that it was made of.
+fn file_name(from: &Path) -> String {
+    from.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Refuses to write over a model that is read, or over the file of the skeleton.
@@ -515,6 +527,26 @@ mod tests {
         for (input, out) in [("m/sub/sub", "m/sub"), ("in/b.glb", "m/sub/a.glb")] {
             assert!(spared(input, out, Some("m/sub/a.glb")).unwrap_err().contains("m/sub/a.glb, to which"));
         }
+    }
+
+    #[test]
+    fn a_result_that_is_cut_off_or_made_of_another_file_is_not_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let (from, to) = (Path::new("in/fox.obj"), dir.path().join("fox.glb"));
+        let json = br#"{"asset":{"version":"2.0"}} "#;
+        let length = (20 + json.len()) as u32;
+        let head: [&[u8]; 5] =
+            [b"glTF", &2u32.to_le_bytes(), &length.to_le_bytes(), &(json.len() as u32).to_le_bytes(), b"JSON"];
+        let glb = [&head.concat()[..], json].concat();
+        std::fs::write(&to, &glb).unwrap();
+        assert!(is_there(from, &to), "it says nothing of what it is of");
+        std::fs::write(&to, &glb[..glb.len() - 1]).unwrap();
+        assert!(!is_there(from, &to));
+        let made = riglab_asset::export::made_of(glb, "fox.obj");
+        std::fs::write(&to, &made).unwrap();
+        assert!(is_there(from, &to) && !is_there(Path::new("in/fox.glb"), &to));
+        // One that has a mark of its own keeps it.
+        assert!(riglab_asset::Target::GLB.made_of(&to).is_some_and(|of| of == "fox.obj"));
     }
 
     #[test]

@@ -20,7 +20,7 @@ use riglab_token::Template;
 use riglab_train::Spinner;
 
 use super::model::Model;
-use super::{Bones, Common, Given, given, is_fbx};
+use super::{Bones, Common, Given, file_name, given, is_fbx};
 
 /// Reads `from`, rigs it, writes `to`. `read`: what the file of the skeleton holds, where there is one.
 pub fn rig(
@@ -180,8 +180,8 @@ pub fn rig(
     for note in exported.notes.iter().filter(said) {
         tell!("note: {}: {note}", from.display());
     }
-    let preview = if args.preview { Some(preview(&exported.bytes, from)?) } else { None };
-    let bytes = preview.as_ref().unwrap_or(&exported.bytes);
+    let bytes = if args.preview { preview(&exported.bytes, from)? } else { exported.bytes };
+    let bytes = &export::made_of(bytes, &file_name(from));
     #[cfg(feature = "fbx")]
     let fbx = if is_fbx(to) { Some(as_fbx(bytes, from, &mut notes)?) } else { None };
     #[cfg(feature = "fbx")]

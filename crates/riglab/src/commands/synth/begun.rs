@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
+use riglab_asset::Target;
 use riglab_files::write_first;
 
 use super::MANIFEST;
@@ -72,7 +73,7 @@ impl Begun {
             let path = entry.with_context(|| format!("{shown} cannot be read"))?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
             if wanted.contains(&name) {
-                if is_whole(&path) {
+                if Target::GLB.is_whole(&path) {
                     there.insert(name);
                 }
             } else if name.starts_with(".riglab-") && name.ends_with(".tmp") {
@@ -121,15 +122,6 @@ fn same(before: &[(String, String)], now: &[(String, String)]) -> Result<()> {
     bail!(
         "begun by {name} {had}, and this is {has}, which may make other creatures: go on with that, or give another folder"
     )
-}
-
-/// Whether a file is a GLB that is as long as it says.
-fn is_whole(path: &Path) -> bool {
-    use std::io::Read;
-    let mut head = [0; 12];
-    let read = File::open(path).and_then(|mut file| file.read_exact(&mut head));
-    let told = u32::from_le_bytes([head[8], head[9], head[10], head[11]]);
-    read.is_ok() && head.starts_with(b"glTF") && path.metadata().is_ok_and(|meta| meta.len() == u64::from(told))
 }
 
 #[cfg(test)]
