@@ -352,6 +352,17 @@ fn a_result_of_another_model_is_not_skipped() {
 }
 
 #[test]
+fn a_vrm_without_data_of_vrm_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let bare = creatures(dir.path(), "1").remove(0).1;
+    let [plain, out] = ["plain.vrm", "out.vrm"].map(|name| dir.path().join(name));
+    fs::copy(bare, &plain).unwrap();
+    let said = must(&["rig", text(&plain), "-o", text(&out), "--samples", "1", "--skins", "1"]).stderr;
+    let said = String::from_utf8(said).unwrap();
+    assert!(said.contains("out.vrm is a plain GLB, as there is no data of VRM in it"), "{said}");
+}
+
+#[test]
 fn the_file_of_the_skeleton_is_no_output() {
     let dir = tempfile::tempdir().unwrap();
     let (rigged, bare) = creatures(dir.path(), "1").remove(0);

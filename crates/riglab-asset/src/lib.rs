@@ -390,6 +390,11 @@ pub fn is_gltf(path: &Path) -> bool {
     read.is_ok() && Format::of(path, &start).is_ok_and(|format| format == Format::GLTF)
 }
 
+/// Whether bytes are a glTF that says it is a VRM, of either version, whatever the file is called.
+pub fn is_vrm(bytes: &[u8]) -> bool {
+    gltf::is_vrm(bytes)
+}
+
 /// Whether the file at `path` is one of arrays ([`read_arrays`]), rather than of surfaces.
 ///
 /// # Errors

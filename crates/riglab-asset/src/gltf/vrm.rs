@@ -40,6 +40,11 @@ struct Scene<'a> {
     above: Vec<Option<JointId>>,
 }
 
+/// Whether a file says that it is a VRM, of either version.
+pub(super) fn is_one(document: &Document) -> bool {
+    ["VRMC_vrm", "VRM"].iter().any(|name| document.extensions[name].is_object())
+}
+
 /// Whether a model of the file faces -z: VRM 0.x says so, VRM 1.0 that it faces +z, as glTF does.
 pub(super) fn faces_back(document: &Document) -> bool {
     document.extensions["VRMC_vrm"].is_null() && !document.extensions["VRM"].is_null()

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use riglab_asset::export;
 use riglab_asset::rigging::{self, SubjectNote};
-use riglab_asset::{Content, ImportOptions, Imported, Target, import, is_gltf, write, write_mesh, written_paths};
+use riglab_asset::{
+    Content, ImportOptions, Imported, Target, import, is_gltf, is_vrm, write, write_mesh, written_paths,
+};
 use riglab_core::Springs;
 
 use super::super::inspect::shown_elsewhere;
@@ -78,7 +80,7 @@ pub(super) fn store(
 fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
     let source = &imported.provenance.source;
     let bytes = whole(imported, args)?;
-    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !holds_vrm(&bytes) {
+    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(&bytes) {
         tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
     }
     export::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
@@ -162,10 +164,4 @@ fn bare(source: &str) -> Result<export::Exported> {
     let bytes = bytes
         .with_context(|| format!("{source}: the file has a mesh but no skeleton, which is written as obj only"))?;
     Ok(export::Exported { bytes, notes: Vec::new() })
-}
-
-/// Whether a GLB says that it is a VRM.
-fn holds_vrm(glb: &[u8]) -> bool {
-    let names = |word: &[u8]| glb.windows(word.len()).any(|own| own == word);
-    names(b"\"VRMC_vrm\"") || names(b"\"VRM\"")
 }

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::ExportOptions;
 use riglab_asset::rigging::{NameStyle, UpAxis};
-use riglab_asset::{Target, is_model_file, model_endings};
+use riglab_asset::{Target, is_model_file, is_vrm, model_endings};
 use riglab_nn::generate::drawable_at;
 use riglab_task::tokenrig::Rank;
 use riglab_train::{Progress, Spinner};
@@ -404,8 +404,9 @@ fn jobs(input: &Path, out: &Path, to: Option<Target>) -> Result<Jobs> {
         let told = to;
         let to = if into { out.join(name) } else { out.to_path_buf() };
         let ends = |path: &Path, with: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(with));
-        // A VRM is a GLB by another name.
-        if !(ends(&to, "glb") || is_fbx(&to) || ends(&to, "vrm") && ends(input, "vrm")) {
+        // A VRM is a GLB by another name, and may be called like one.
+        let of_vrm = || ends(input, "vrm") || std::fs::read(input).is_ok_and(|bytes| is_vrm(&bytes));
+        if !(ends(&to, "glb") || is_fbx(&to) || ends(&to, "vrm") && of_vrm()) {
             bail!(
                 "{}: only GLB and FBX are written, and VRM of a VRM; name it .glb (`riglab convert` then makes other formats \
                  of it)",
@@ -504,6 +505,16 @@ mod tests {
             assert!(said.ends_with("give one that ends in .fbx"), "{said}");
             assert_eq!(name(Path::new("a.FBX"), Some(Target::FBX)).unwrap(), "a.FBX");
         }
+    }
+
+    #[test]
+    fn a_vrm_is_one_by_what_is_in_it() {
+        let dir = tempfile::tempdir().unwrap();
+        let (avatar, out) = (dir.path().join("avatar.glb"), dir.path().join("again.vrm"));
+        std::fs::write(&avatar, r#"{"asset": {"version": "2.0"}, "extensions": {"VRM": {}}}"#).unwrap();
+        assert_eq!(jobs(&avatar, &out, None).unwrap().0[0].1, out);
+        std::fs::write(&avatar, r#"{"asset": {"version": "2.0"}, "nodes": [{"name": "VRM"}]}"#).unwrap();
+        assert!(jobs(&avatar, &out, None).unwrap_err().to_string().contains("VRM of a VRM"));
     }
 
     #[cfg(unix)]

@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, Result, anyhow, ensure};
-use riglab_asset::ImportOptions;
 use riglab_asset::export::{self, ExportNote};
 use riglab_asset::rigging::{
     Subject, SubjectNote, SubjectOptions, UpAxis, human_bones, humanoid, name_added, name_bones, name_joints,
     name_others,
 };
+use riglab_asset::{ImportOptions, is_vrm};
 use riglab_core::{Bounds, Humanoid, Rig, RigError, Skeleton, Vec3};
 use riglab_files::make_folder_of;
 use riglab_report::counted;
@@ -181,6 +181,10 @@ pub fn rig(
         tell!("note: {}: {note}", from.display());
     }
     let bytes = if args.preview { preview(&exported.bytes, from)? } else { exported.bytes };
+    if to.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(&bytes) {
+        let note = format!("{} is a plain GLB, as there is no data of VRM in it", to.display());
+        noted(from, &mut notes, note);
+    }
     let bytes = &export::made_of(bytes, &file_name(from));
     #[cfg(feature = "fbx")]
     let fbx = if is_fbx(to) { Some(as_fbx(bytes, from, &mut notes)?) } else { None };
