@@ -6,6 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use binary::{must, refusal, riglab, text};
+use riglab_token::Template;
 use serde_json::Value;
 
 /// Every format that is written, by its name and the name of a file.
@@ -540,6 +541,50 @@ fn what_one_file_of_many_cannot_hold_is_left_out() {
 
 #[cfg(unix)]
 #[test]
+fn what_cannot_be_looked_at_is_left_out_and_counted() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    creatures(&path("in"), 2);
+    std::os::unix::fs::symlink("nowhere", path("in/broken.glb")).unwrap();
+    for (out, format) in [("out/", "obj"), ("all.pt", "anymate")] {
+        let done = riglab(&["convert", text(&path("in")), text(&path(out)), "--to", format]).output().unwrap();
+        assert_eq!(done.status.code(), Some(1), "{format}");
+        let said = String::from_utf8(done.stdout).unwrap();
+        assert!(said.contains('2') && said.contains("1 left out"), "{said}");
+    }
+}
+
+#[test]
+fn pairs_of_text_and_mesh_come_back_whatever_they_are_called() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    for (name, plan) in [("fox", "biped"), ("fox_rig", "quadruped"), ("fox_skin", "fish")] {
+        let made = path(plan);
+        must(&["synth", "-o", text(&made), "--count", "1", "--plans", plan, "--triangles", "400..800"]);
+        let mut files = fs::read_dir(&made).unwrap().map(|entry| entry.unwrap().path());
+        let file = files.find(|file| file.extension().is_some_and(|ending| ending == "glb")).unwrap();
+        fs::create_dir_all(path("in")).unwrap();
+        fs::rename(file, path("in").join(format!("{name}.glb"))).unwrap();
+    }
+    let shape = |file: &Path| {
+        let v = inspected(file);
+        (v["joints"].as_array().map(Vec::len), v["vertices"].clone(), v["triangles"].clone())
+    };
+    for (format, ending) in [("rignet", "_rig.txt"), ("puppeteer", ".txt")] {
+        let out = path(format);
+        must(&["convert", text(&path("in")), text(&out), "--to", format]);
+        let said = must(&["dataset", "import", text(&out), "-o", text(&path("c.h5"))]).stdout;
+        let said = String::from_utf8(said).unwrap();
+        assert!(said.contains("3 assets") && said.contains("0 files left out"), "{said}");
+        for name in ["fox", "fox_skin"] {
+            let was = shape(&path("in").join(format!("{name}.glb")));
+            assert_eq!(shape(&out.join(format!("{name}{ending}"))), was, "{format} {name}");
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
 fn results_leave_protected_files_alone_and_private_ones_private() {
     use std::os::unix::fs::PermissionsExt;
     let dir = tempfile::tempdir().unwrap();
@@ -559,19 +604,27 @@ fn results_leave_protected_files_alone_and_private_ones_private() {
     assert_eq!(fs::read(&out).unwrap(), before);
 }
 
-#[cfg(unix)]
 #[test]
-fn what_cannot_be_looked_at_is_left_out_and_counted() {
+fn what_has_no_sequence_of_tokens_is_told_and_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let path = |name: &str| dir.path().join(name);
-    creatures(&path("in"), 2);
-    std::os::unix::fs::symlink("nowhere", path("in/broken.glb")).unwrap();
-    for (out, format) in [("out/", "obj"), ("all.pt", "anymate")] {
-        let done = riglab(&["convert", text(&path("in")), text(&path(out)), "--to", format]).output().unwrap();
-        assert_eq!(done.status.code(), Some(1), "{format}");
-        let said = String::from_utf8(done.stdout).unwrap();
-        assert!(said.contains('2') && said.contains("1 left out"), "{said}");
-    }
+    creatures(&path("made"), 1);
+    // The joints of a template, each below the one that is to be below it.
+    let names: Vec<&str> = Template::of("mixamo").unwrap().parts[0].joints.iter().rev().copied().collect();
+    let joints = names.iter().enumerate().map(|(k, name)| format!("joints {name} {k} 0 0\n")).collect::<String>();
+    let tree = names.windows(2).map(|two| format!("hier {} {}\n", two[0], two[1])).collect::<String>();
+    let skin = (0..3).map(|vertex| format!("skin {vertex} {} 1\n", names[0])).collect::<String>();
+    fs::write(path("made/upside_rig.txt"), format!("{joints}root {}\n{tree}{skin}", names[0])).unwrap();
+    fs::write(path("made/upside.obj"), "v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n").unwrap();
+    must(&["dataset", "import", text(&path("made")), "-o", text(&path("c.h5")), "--all-in", "train"]);
+    let released = ["--preset", "unirig-released", "--class", "mixamo"];
+    let done = riglab(&[&["tokens", text(&path("c.h5")), "--json"][..], &released].concat()).output().unwrap();
+    let lines = String::from_utf8(done.stdout).unwrap();
+    let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let refused: Vec<&Value> = lines.iter().filter(|line| line["error"].is_string()).collect();
+    assert!(refused.len() == 1 && refused[0]["name"] == "upside_rig.txt", "{lines:?}");
+    assert!(lines.iter().any(|line| line["category"] == "all" && line["assets"] == 1), "{lines:?}");
+    assert_eq!(done.status.code(), Some(1));
 }
 
 #[cfg(unix)]
@@ -869,35 +922,6 @@ fn links_are_followed_and_pairs_of_one_mesh_kept_apart() {
     let texts: Vec<_> = texts.filter(|p| p.extension().is_some_and(|e| e == "txt")).collect();
     assert_eq!(texts.len(), 2);
     texts.iter().for_each(|text_file| drop(must(&["inspect", text(text_file)])));
-}
-
-#[test]
-fn pairs_of_text_and_mesh_come_back_whatever_they_are_called() {
-    let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name);
-    for (name, plan) in [("fox", "biped"), ("fox_rig", "quadruped"), ("fox_skin", "fish")] {
-        let made = path(plan);
-        must(&["synth", "-o", text(&made), "--count", "1", "--plans", plan, "--triangles", "400..800"]);
-        let mut files = fs::read_dir(&made).unwrap().map(|entry| entry.unwrap().path());
-        let file = files.find(|file| file.extension().is_some_and(|ending| ending == "glb")).unwrap();
-        fs::create_dir_all(path("in")).unwrap();
-        fs::rename(file, path("in").join(format!("{name}.glb"))).unwrap();
-    }
-    let shape = |file: &Path| {
-        let v = inspected(file);
-        (v["joints"].as_array().map(Vec::len), v["vertices"].clone(), v["triangles"].clone())
-    };
-    for (format, ending) in [("rignet", "_rig.txt"), ("puppeteer", ".txt")] {
-        let out = path(format);
-        must(&["convert", text(&path("in")), text(&out), "--to", format]);
-        let said = must(&["dataset", "import", text(&out), "-o", text(&path("c.h5"))]).stdout;
-        let said = String::from_utf8(said).unwrap();
-        assert!(said.contains("3 assets") && said.contains("0 files left out"), "{said}");
-        for name in ["fox", "fox_skin"] {
-            let was = shape(&path("in").join(format!("{name}.glb")));
-            assert_eq!(shape(&out.join(format!("{name}{ending}"))), was, "{format} {name}");
-        }
-    }
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Mutex;
 
 use anyhow::{Result, bail};
 use rayon::prelude::*;
@@ -11,6 +12,7 @@ use riglab_asset::{ImportOptions, import_each};
 use riglab_core::Asset;
 use riglab_data::Corpus;
 use riglab_token::{Encoded, Grammar, Limits, Parents, Preset, Tokenizer, naive_length};
+use riglab_train::Progress;
 use serde_json::json;
 
 /// Show skeletons as tokens: the sequence in words, what it saves, and what a round trip costs.
@@ -34,7 +36,8 @@ pub struct Args {
     /// The class to write for every asset [default: with the preset riglab what the joints' names tell, with others none].
     #[arg(long, value_name = "NAME")]
     class: Option<String>,
-    /// Print as JSON: a line an asset of a file, a line a category of a corpus.
+    /// Print as JSON: a line an asset of a file, a line a category of a corpus, and a line for each that has no sequence, with
+    /// the reason.
     #[arg(long)]
     json: bool,
 }
@@ -85,9 +88,12 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut failed = false;
     for input in &args.inputs {
         if let Ok(corpus) = Corpus::open(input) {
-            if let Err(e) = of_corpus(&corpus, &tokenizer, args) {
-                tell!("error: {e:#}");
-                failed = true;
+            match of_corpus(&corpus, &tokenizer, args) {
+                Ok(whole) => failed |= !whole,
+                Err(e) => {
+                    tell!("error: {e:#}");
+                    failed = true;
+                }
             }
             continue;
         }
@@ -96,11 +102,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 Ok(asset) => {
                     if let Err(e) = show(&asset, &tokenizer, args) {
                         tell!("error: {}: {e:#}", asset.provenance.source);
+                        refused(args, json!({"file": input, "name": asset.name, "error": format!("{e:#}")}));
                         failed = true;
                     }
                 }
                 Err(e) => {
                     tell!("error: {e}");
+                    refused(args, json!({"file": input, "error": e.to_string()}));
                     failed = true;
                 }
             }
@@ -108,6 +116,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         });
     }
     Ok(if failed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Tells who reads lines of JSON what has no sequence.
+fn refused(args: &Args, line: serde_json::Value) {
+    if args.json {
+        say!("{line}");
+    }
 }
 
 fn trip(asset: &Asset, tokenizer: &Tokenizer, class: Option<&str>) -> Result<(Encoded, Trip)> {
@@ -209,20 +224,31 @@ impl Sum {
     }
 }
 
-fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> {
+/// Whether all assets with a rig have a sequence.
+fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<bool> {
     let (categories, bare) = (corpus.texts("category")?, HashSet::<usize>::from_iter(corpus.bare()?));
     if !bare.is_empty() {
         let meshes = if bare.len() == 1 { "mesh" } else { "meshes" };
         tell!("note: {}: {} {meshes} without a rig left out", corpus.path().display(), bare.len());
     }
+    let progress = Mutex::new((Progress::new("encoding", (corpus.len() - bare.len()) as u64, 0), 0));
     let trips: Vec<(usize, Result<Trip>)> = (0..corpus.len())
         .into_par_iter()
         .filter(|index| !bare.contains(index))
         .map(|index| {
             let found = corpus.asset(index).map_err(anyhow::Error::from);
-            (index, found.and_then(|asset| trip(&asset, tokenizer, args.class.as_deref())).map(|(_, trip)| trip))
+            let found = found.and_then(|asset| trip(&asset, tokenizer, args.class.as_deref())).map(|(_, trip)| trip);
+            if let Ok(mut progress) = progress.lock() {
+                let (shown, done) = &mut *progress;
+                *done += 1;
+                shown.set(*done, String::new);
+            }
+            (index, found)
         })
         .collect();
+    if let Ok((mut progress, _)) = progress.into_inner() {
+        progress.finish();
+    }
     let (mut sums, mut all, names) = (BTreeMap::<&str, Sum>::new(), Sum::default(), corpus.names()?);
     for (index, found) in &trips {
         match found {
@@ -230,7 +256,10 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
                 sums.entry(&categories[*index]).or_default().add(trip);
                 all.add(trip);
             }
-            Err(e) => tell!("left out: {}: {e:#}", names[*index]),
+            Err(e) => {
+                tell!("left out: {}: {e:#}", names[*index]);
+                refused(args, json!({"corpus": corpus.path(), "name": names[*index], "error": format!("{e:#}")}));
+            }
         }
     }
     if all.assets == 0 {
@@ -282,11 +311,11 @@ fn of_corpus(corpus: &Corpus, tokenizer: &Tokenizer, args: &Args) -> Result<()> 
              to the border of the range; refused: by the strict grammar"
         );
     }
-    let refused = trips.iter().filter(|(_, found)| found.is_err()).count();
-    if refused > 0 {
-        tell!("warning: {refused} of {} assets have no sequence, for the reasons above", trips.len());
+    let without = trips.iter().filter(|(_, found)| found.is_err()).count();
+    if without > 0 {
+        tell!("warning: {without} of {} assets have no sequence, for the reasons above", trips.len());
     }
-    Ok(())
+    Ok(without == 0)
 }
 
 #[cfg(test)]
