@@ -7,7 +7,7 @@ use riglab_files::make_folder_of;
 use riglab_report::{Block, Page, Table};
 
 use super::earlier::{Written, keep_others};
-use super::file_to_write;
+use super::file_instead_of_output;
 
 /// Options that say in which form, and where to.
 #[derive(clap::Args)]
@@ -29,7 +29,7 @@ pub struct Forms {
     html: bool,
     /// Write to a file instead of standard output: FILE.txt, .html, .md, .tex, .csv or .json is of that form, and without an
     /// ending, where no option says the form, all but the first are written.
-    #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
+    #[arg(long, short, value_name = "FILE", value_parser = file_instead_of_output())]
     out: Option<PathBuf>,
 }
 

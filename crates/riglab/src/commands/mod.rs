@@ -37,13 +37,25 @@ use std::path::PathBuf;
 /// Settings that say where models lie which a run builds on: they may have been moved since.
 const MOVED: [&str; 2] = ["start.model", "skin.run"];
 
-/// Reads an argument that names a file to write: one that ends as a folder's name does would be refused after the work.
+/// Reads an argument that names a file to write: one that ends as a folder's name does would be refused after the work, and `-`
+/// would be a file of that name.
 fn file_to_write() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    file_or("`-` does not stand for standard output here: give the name of a file (./- for one that is called so)")
+}
+
+/// The same where what is written goes to standard output without a file.
+fn file_instead_of_output() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    file_or("without this option, all goes to standard output: leave it out, or give the name of a file")
+}
+
+/// `dash`: what is said of a `-`.
+fn file_or(dash: &'static str) -> impl clap::builder::TypedValueParser<Value = PathBuf> {
     use clap::builder::{PathBufValueParser, TypedValueParser};
-    PathBufValueParser::new().try_map(|path| match riglab_files::is_as_of_folder(&path) {
+    PathBufValueParser::new().try_map(move |path| match riglab_files::is_as_of_folder(&path) {
         true => {
             Err(format!("it names a folder, and one file is written: give it a name there, as {}NAME", shown(&path)))
         }
+        false if path.as_os_str() == "-" => Err(dash.to_owned()),
         false => Ok(path),
     })
 }
@@ -166,6 +178,11 @@ mod tests {
             let said = crate::Cli::try_parse_from(["riglab"].into_iter().chain(line.split(' '))).err();
             let said = said.unwrap_or_else(|| panic!("{line} is taken")).to_string();
             assert!(said.contains("it names a folder") && said.contains("as O/NAME"), "{line}: {said}");
+            let dash = line.replace("O/", "-");
+            let said = crate::Cli::try_parse_from(["riglab"].into_iter().chain(dash.split(' '))).err();
+            let said = said.unwrap_or_else(|| panic!("{dash} is taken")).to_string();
+            let all = line.starts_with("compare") || line.starts_with("rewards");
+            assert!(said.contains("standard output") && said.contains("leave it out") == all, "{dash}: {said}");
             let named = line.replace("O/", "O/n.png");
             let words = ["riglab"].into_iter().chain(named.split(' '));
             assert!(crate::Cli::try_parse_from(words).is_ok(), "{named}");
