@@ -6,6 +6,7 @@
 #include <c10/core/Allocator.h>
 #include <c10/core/CPUAllocator.h>
 #include <c10/core/impl/alloc_cpu.h>
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
@@ -16,11 +17,12 @@ namespace {
 
 // Before each block stands its class, on a line of its own so that blocks are aligned as libtorch's are.
 constexpr size_t kHead = 64;
-// Smaller blocks the system's own allocator keeps well.
-constexpr size_t kLeast = size_t{1} << 12;
+// Blocks of scalars and the like are of one class: the system's own allocator cuts each aligned one out of a larger.
+constexpr int kLeastPower = 6;
+constexpr size_t kLeast = size_t{1} << kLeastPower;
 // Four sizes between a power of two and the next: at most a fifth of a block is left over.
 constexpr int kSteps = 4;
-constexpr int kClasses = 40 * kSteps;
+constexpr int kClasses = 46 * kSteps;
 
 struct Size {
   int number;
@@ -29,11 +31,11 @@ struct Size {
 
 // The class that n bytes fit into.
 Size class_of(size_t n) {
-  if (n < kLeast) return {-1, n};
+  n = std::max(n, kLeast);
   const int power = 63 - __builtin_clzll(n);
   const size_t step = (size_t{1} << power) / kSteps, base = size_t{1} << power;
   const size_t up = (n - base + step - 1) / step;
-  const int number = (power - 12) * kSteps + static_cast<int>(up);
+  const int number = (power - kLeastPower) * kSteps + static_cast<int>(up);
   return number < kClasses ? Size{number, base + up * step} : Size{-1, n};
 }
 
