@@ -255,7 +255,8 @@ fn document(args: &Args, imported: &Imported, rig: &Rig, motion: Option<&str>) -
     // A document has its own.
     if let (Some(name), false, true) = (motion, gltf, again.clips.is_empty()) {
         let whole = import(path, &reading(args, None, Some(name)))?;
-        let reading = riglab_asset::Reading { warnings: whole.reading.warnings, ..again.reading };
+        let mut reading = again.reading;
+        reading.warnings = whole.reading.warnings;
         return Ok((made.bytes, Imported { clips: whole.clips, reading, ..again }));
     }
     Ok((made.bytes, again))
