@@ -97,7 +97,10 @@ impl Unfinished {
     /// # Errors
     /// Those of the file system; what was there still is.
     pub fn finish(self) -> io::Result<()> {
-        if let Some(mode) = &self.mode {
+        // Some file systems have one mode for all and refuse to be asked for it.
+        if let Some(mode) =
+            self.mode.as_ref().filter(|mode| fs::metadata(&self.temp).is_ok_and(|m| m.permissions() != **mode))
+        {
             fs::set_permissions(&self.temp, mode.clone())?;
         }
         let kept = fs::rename(&self.temp, &self.place);
