@@ -189,8 +189,8 @@ impl Results {
             Better::Lower => a.1.total_cmp(&b.1),
         });
         let [(best, _), (next, _), ..] = means[..] else { return None };
-        // Runs without a value may be its worst.
-        if !self.is_whole(best, metric) {
+        // Runs without a value may be its worst, or those that tell how far runs differ.
+        if ![best, next].iter().all(|point| self.is_whole(point, metric)) {
             return None;
         }
         Some((best, self.difference(best, next, metric)))

@@ -18,7 +18,7 @@ use riglab_sweep::{
     Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, SweepFile, may_be_called, retry,
     run as run_pool,
 };
-use riglab_train::{Interrupt, Progress, without_best};
+use riglab_train::{Interrupt, Progress, RunInfo, without_best};
 
 use super::charts::{charts, no_file, spare};
 use super::report::write;
@@ -36,10 +36,10 @@ use riglab_report::shell::{command, quoted};
 ///
 /// All jobs are listed at once, each with its resolved config, and run as processes of this machine within a budget.
 /// A sweep that was stopped or killed goes on when it is called again, with the threads of a job and the jobs at a time that
-/// it was begun with, unless these are given; a run that fails is tried once more and never
-/// stops the rest; with --retry it is tried anew. Arms (named variants) added at the end of the file join the existing
-/// runs, as long as their settings and corpora are unchanged; an arm whose jobs failed may be changed, and they are begun
-/// anew. The result is a table of means and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and
+/// it was begun with, unless these are given or do not fit; a run that fails is tried once more and never
+/// stops the rest; with --retry it is tried anew. Arms (named variants) added to the file join the existing
+/// runs, as long as their settings and corpora are unchanged; an arm whose jobs failed may be changed, or the config that it
+/// is based on, and they are begun anew. The result is a table of means and spreads over seeds, in results.jsonl, table.md, table.tex, table.csv and
 /// report.html. TensorBoard compares the runs: `tensorboard --logdir SWEEP/jobs`.
 ///
 /// Its exit code is 1 if a run failed, or was cancelled on a cluster and is not done.
@@ -165,12 +165,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         true => command(["sweep", &place, "--memory", &memory]),
         false => command(["sweep", &place]),
     };
-    let begun = Begun::read(&folder);
+    let begun = Begun::read(&folder).or_of_runs(&folder, &plan);
+    let goes_on = !plan.left(&folder, |_| false).is_empty();
     if args.on == Some(On::Slurm) {
-        let (begun, note) = begun.asked([0, 0, threads], 0, usize::MAX);
-        note.iter().for_each(|note| tell!("note: {note}"));
-        let threads = begun.threads;
-        begun.keep(&folder)?;
+        // What a machine gave its jobs by itself says nothing of a cluster's.
+        let threads = if threads > 0 { threads } else { begun.told };
+        if goes_on {
+            Begun { told: threads, ..begun }.keep(&folder)?;
+        }
         let desk = asked(desk, args, &plan, threads);
         return match hand_over(&folder, &plan, &desk, threads, args.wait)? {
             Handed::Queued => {
@@ -187,12 +189,14 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         };
     }
     let all = std::thread::available_parallelism().map_or(1, usize::from);
-    let begun = begun.or_of_runs(&folder, &plan);
-    let (begun, note) = begun.asked([args.jobs, args.cores, threads], plan.sweep.threads, all);
+    let (now, note) = begun.asked([args.jobs, args.cores, threads], plan.sweep.threads, all);
     note.iter().for_each(|note| tell!("note: {note}"));
-    let budget = Budget::new(begun.jobs, begun.cores, begun.threads, args.memory, plan.jobs.len());
-    if !plan.left(&folder, |_| false).is_empty() {
-        Begun { threads: budget.threads, ..begun }.keep(&folder)?;
+    let budget = Budget::new(now.jobs, now.cores, now.threads, args.memory, plan.jobs.len());
+    // A training that goes on keeps its threads, if the job may have as many and nothing else is asked for.
+    let own = if now.cores > 0 { now.cores } else { all } / budget.jobs.max(1);
+    let most = if threads > 0 { 0 } else { own.max(budget.threads) };
+    if goes_on {
+        begun.after(now, threads > 0, budget.threads).keep(&folder)?;
     }
     let total = plan.jobs.len() as u64;
     tell!(
@@ -206,7 +210,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     plan.jobs.iter().try_for_each(|job| settled::settle(&folder, &plan, job))?;
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let start = |job: &Job, stage: Stage, run: &Path| {
-        process(Command::new(&own), budget.threads, &plan.config(&folder, job), stage, run)
+        process(Command::new(&own), [budget.threads, most], &plan.config(&folder, job), stage, run)
     };
     let interrupt = Interrupt::listening();
     let mut progress = Progress::new("sweeping", total, 0);
@@ -231,7 +235,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     conclude(&plan, &folder, args, "")
 }
 
-/// The plan whose jobs a folder has: its own where a file lists others, of which nothing has been run there.
+/// The plan whose jobs a folder has: its own where a file lists others.
 fn there(plan: Plan, folder: &Path) -> Result<Plan> {
     match Plan::read(folder)? {
         Some(there) if !plan.continues(&there) => {
@@ -313,7 +317,8 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
     let folder = place.0;
     let begun = Begun::read(folder).or_of_runs(folder, plan);
     let here = std::env::current_dir().context("there is no working folder")?;
-    for job in left.iter().filter(|_| begun.folder != here) {
+    let known = !begun.folder.as_os_str().is_empty();
+    for job in left.iter().filter(|_| known && begun.folder != here) {
         // Of settings that cannot be read the job tells.
         let Ok(config) = job_settings(plan, place, job) else { continue };
         let paths = files_of(&config)?;
@@ -547,13 +552,19 @@ fn unsound(job: &Job, e: &anyhow::Error) -> SweepError {
     SweepError::Invalid(format!("{}, seed {}: {e:#}", job.point, job.seed))
 }
 
+/// The threads of a training that goes on: those that it was begun with, where it says so and these are `most` at most, else
+/// `threads`. 0 leaves it to the training.
+pub fn threads_of(run: &Path, [threads, most]: [usize; 2]) -> usize {
+    let begun = RunInfo::of(run).map_or(0, |info| info.threads);
+    if (1..=most).contains(&begun) { begun } else { threads }
+}
+
 /// What runs a stage of a job: `riglab`, however it is started, with its arguments. A training that goes on takes the threads
-/// that it was begun with, by itself.
-pub fn process(riglab: Command, threads: usize, config: &Path, stage: Stage, run: &Path) -> Command {
+/// that it was begun with, where these are `most` at most.
+pub fn process(riglab: Command, [threads, most]: [usize; 2], config: &Path, stage: Stage, run: &Path) -> Command {
     let mut command = riglab;
-    if stage != Stage::Resume {
-        command.arg("--threads").arg(threads.to_string());
-    }
+    let threads = if stage == Stage::Resume { threads_of(run, [threads, most]) } else { threads };
+    command.arg("--threads").arg(threads.to_string());
     match stage {
         Stage::Train => command.arg("train").arg(config).arg("--run").arg(run),
         Stage::Resume => command.args(["train", "--resume"]).arg(run),
@@ -668,13 +679,20 @@ mod tests {
 
     #[test]
     fn a_run_that_goes_on_keeps_its_threads() {
-        let of = |stage| {
-            let command = process(Command::new("riglab"), 4, Path::new("c.toml"), stage, Path::new("run"));
-            command.get_args().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
+        let dir = tempfile::tempdir().unwrap();
+        let of = |most, stage| {
+            let command = process(Command::new("riglab"), [4, most], Path::new("c.toml"), stage, dir.path());
+            let all = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ");
+            all.replace(&shown(dir.path()), "RUN")
         };
-        assert_eq!(of(Stage::Resume), "train --resume run");
-        assert_eq!(of(Stage::Train), "--threads 4 train c.toml --run run");
-        assert!(of(Stage::Evaluate).starts_with("--threads 4 eval run"));
+        // Broken off before it wrote how many it has.
+        assert_eq!(of(4, Stage::Resume), "--threads 4 train --resume RUN");
+        let info = RunInfo { threads: 2, ..RunInfo::default() };
+        std::fs::write(dir.path().join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
+        assert_eq!(of(4, Stage::Resume), "--threads 2 train --resume RUN");
+        assert_eq!([0, 1].map(|most| of(most, Stage::Resume)), ["--threads 4 train --resume RUN"; 2]);
+        assert_eq!(of(4, Stage::Train), "--threads 4 train c.toml --run RUN");
+        assert!(of(4, Stage::Evaluate).starts_with("--threads 4 eval RUN"));
     }
 
     #[test]

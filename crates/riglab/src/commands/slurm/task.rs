@@ -10,12 +10,12 @@ use riglab_curate::{Places, nothing_left};
 use riglab_files::was_asked;
 use riglab_slurm::{SlurmConfig, Task, attend, attend_steps};
 use riglab_sweep::{Attempt, Ended, Event, Job, Plan, Stage, State, attempts, is_held, record, run_one};
-use riglab_train::{Interrupt, RunInfo};
+use riglab_train::Interrupt;
 
 use super::Desk;
 use super::curate::{Order, part};
 use crate::commands::sweep::settled::settle;
-use crate::commands::sweep::{doing, process};
+use crate::commands::sweep::{doing, process, threads_of};
 
 /// Do the part of a Slurm job. Job scripts call it.
 #[derive(clap::Args)]
@@ -96,15 +96,13 @@ fn sweep(task: &Task, desk: &Desk, folder: &Path, number: usize, threads: usize)
     settle(folder, &plan, job)?;
     let own = std::env::current_exe().context("the program does not know its own file")?;
     // The command line comes before the file.
+    let all = processors(&desk.config);
     let told = [threads, plan.sweep.threads].into_iter().find(|threads| *threads > 0);
-    let threads = told.unwrap_or_else(|| processors(&desk.config));
+    let of_job = [told.unwrap_or(all), if threads > 0 { 0 } else { all }];
     let command = |job: &Job, stage, run: &Path| {
         let trains = stage != Stage::Evaluate;
-        let mut program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
-        if stage == Stage::Resume {
-            within(&mut program, run, processors(&desk.config));
-        }
-        process(program, threads, &plan.config(folder, job), stage, run)
+        let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
+        process(program, of_job, &plan.config(folder, job), stage, run)
     };
     let interrupt = Interrupt::listening();
     let tell = |event: Event| match event {
@@ -135,12 +133,13 @@ fn train(task: &Task, desk: &Desk, run: &Path, device: Option<&str>, threads: us
     let own = std::env::current_exe().context("the program does not know its own file")?;
     let mut command = launched(&desk.config, &own);
     let goes_on = run.join("config.toml").is_file();
-    match threads {
-        0 if goes_on => within(&mut command, run, processors(&desk.config)),
-        0 => drop(command.args(["--threads", &processors(&desk.config).to_string()])),
-        told => drop(command.args(["--threads", &told.to_string()])),
-    }
-    command.arg("train");
+    let all = processors(&desk.config);
+    let threads = match threads {
+        0 if goes_on => threads_of(run, [all, all]),
+        0 => all,
+        told => told,
+    };
+    command.args(["--threads", &threads.to_string(), "train"]);
     match goes_on {
         true => command.arg("--resume").arg(run),
         false => command.arg(desk.file("config.toml")).arg("--run").arg(run),
@@ -244,15 +243,6 @@ fn processors(config: &SlurmConfig) -> usize {
     }
 }
 
-/// Has a training that goes on keep within a task's processors, where it was begun with more threads or does not say with how
-/// many; otherwise it takes those that it was begun with, by itself.
-fn within(command: &mut Command, run: &Path, processors: usize) {
-    let begun = RunInfo::of(run).map_or(0, |info| info.threads);
-    if processors > 0 && (begun == 0 || begun > processors) {
-        command.args(["--threads", &processors.to_string()]);
-    }
-}
-
 fn is_trained(run: &Path) -> bool {
     let text = std::fs::read_to_string(run.join("run.json")).unwrap_or_default();
     serde_json::from_str(&text).is_ok_and(|v: serde_json::Value| v["outcome"] == "finished")
@@ -270,6 +260,8 @@ fn place(run: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
+    use riglab_train::RunInfo;
+
     use super::*;
 
     #[test]
@@ -305,15 +297,11 @@ mod tests {
     #[test]
     fn a_run_goes_on_with_its_threads_within_the_tasks_processors() {
         let dir = tempfile::tempdir().unwrap();
-        let of = |processors: usize| {
-            let mut command = Command::new("riglab");
-            within(&mut command, dir.path(), processors);
-            command.get_args().nth(1).map(|n| n.to_string_lossy().into_owned())
-        };
-        assert_eq!([of(0), of(4)], [None, Some("4".into())], "it does not say");
+        let of = |processors: usize| threads_of(dir.path(), [processors, processors]);
+        assert_eq!([of(0), of(4)], [0, 4], "it does not say");
         let info = RunInfo { threads: 2, ..RunInfo::default() };
         std::fs::write(dir.path().join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
-        assert_eq!([of(0), of(1), of(2), of(8)], [None, Some("1".into()), None, None]);
+        assert_eq!([of(0), of(1), of(2), of(8)], [0, 1, 2, 2]);
     }
 
     #[test]

@@ -22,7 +22,9 @@ pub struct Begun {
     pub jobs: usize,
     /// Processors that were asked for; 0 without a word.
     pub cores: usize,
-    /// Threads of a job; 0 where they are left to a cluster, or it is not known.
+    /// Threads of a job that were asked for by the command line; 0 without a word.
+    pub told: usize,
+    /// Threads of a job, wherever they came from; 0 where they are left to a cluster, or it is not known.
     pub threads: usize,
 }
 
@@ -49,9 +51,13 @@ impl Begun {
     /// How a call goes on that asks for so many jobs at a time, processors and threads of a job (0: without a word), where the
     /// sweep's file has `of_file` threads and the machine `all` processors; and what to say of the threads.
     pub fn asked(&self, [jobs, cores, threads]: [usize; 3], of_file: usize, all: usize) -> (Self, Option<String>) {
-        let (jobs, cores) = if jobs + cores > 0 { (jobs, cores) } else { (self.jobs, self.cores) };
-        let kept = if self.threads <= all { self.threads } else { 0 };
-        let now = [threads, kept, of_file].into_iter().find(|threads| *threads > 0).unwrap_or(0);
+        let or = |asked: usize, kept: usize| if asked > 0 { asked } else { kept };
+        let (jobs, cores) = (or(jobs, self.jobs), or(cores, self.cores));
+        // Those that a job may have: more would get into each other's way.
+        let all = or(cores, all);
+        let own = all / jobs.max(1);
+        let kept = if self.threads <= own { self.threads } else { 0 };
+        let now = or(threads, or(kept, of_file));
         let begun = counted(self.threads, "thread");
         let rounds = "sums round otherwise, so that jobs which begin now differ in more than their settings";
         let note = match self.threads {
@@ -59,9 +65,11 @@ impl Begun {
             own if threads > 0 => (threads != own).then(|| {
                 format!("the sweep was begun with {begun} a job, and goes on with {threads}: {rounds}")
             }),
-            own if own > all => Some(format!(
-                "the sweep was begun with {begun} a job, and there {} here: {rounds}",
-                if all == 1 { "is 1 processor".to_owned() } else { format!("are {all} processors") }
+            // One job takes what there is.
+            begun_with if begun_with > own => Some(format!(
+                "the sweep was begun with {begun} a job, and there {} here{}: {rounds}",
+                if all == 1 { "is 1 processor".to_owned() } else { format!("are {all} processors") },
+                if jobs > 1 { format!(" for {jobs} jobs at a time") } else { String::new() }
             )),
             own => (of_file > 0 && of_file != own).then(|| {
                 format!(
@@ -70,7 +78,14 @@ impl Begun {
                 )
             }),
         };
-        (Self { folder: self.folder.clone(), jobs, cores, threads: now }, note)
+        (Self { folder: self.folder.clone(), jobs, cores, told: or(threads, self.told), threads: now }, note)
+    }
+
+    /// What is kept of a call that goes on as `now`, with `threads` a job: those that it was begun with, unless this call
+    /// asks for others. A machine that has not as many is no reason.
+    #[must_use]
+    pub fn after(&self, now: Self, asks: bool, threads: usize) -> Self {
+        Self { threads: if asks || self.threads == 0 { threads } else { self.threads }, ..now }
     }
 
     /// Writes it down for later calls; where it was not known before, it is begun here.
@@ -108,7 +123,13 @@ mod tests {
         let kept = Begun::read(dir.path());
         assert_eq!(kept.folder, std::env::current_dir().unwrap());
         assert_eq!(of(&kept, [0, 0, 0], 0), ([2, 0, 4], String::new()));
-        assert_eq!(of(&kept, [0, 6, 4], 0), ([0, 6, 4], String::new()));
+        assert_eq!(of(&kept, [0, 6, 4], 0), ([2, 6, 4], String::new()), "each of the two by itself");
+        assert_eq!(of(&kept, [1, 0, 0], 0), ([1, 0, 4], String::new()));
+        // More jobs at a time, or fewer processors, leave less for each.
+        let (now, note) = of(&kept, [4, 0, 0], 0);
+        assert!(now == [4, 0, 0] && note.contains("there are 8 processors here for 4 jobs at a time: sums"), "{note}");
+        let (now, note) = of(&kept, [0, 4, 0], 2);
+        assert!(now == [2, 4, 2] && note.contains("there are 4 processors here for 2 jobs at a time: sums"), "{note}");
         let (now, note) = of(&kept, [0, 0, 0], 2);
         assert!(now[2] == 4 && note.contains("4 threads a job, as it was begun; --threads 2 takes"), "{note}");
         let (now, note) = of(&kept, [0, 0, 1], 0);
@@ -116,6 +137,11 @@ mod tests {
         // There are not as many.
         let (now, note) = kept.asked([0; 3], 0, 2);
         assert!(now.threads == 0 && note.unwrap().contains("there are 2 processors here"));
+        // What it was begun with stays, until a call asks for others.
+        assert_eq!(kept.after(now.clone(), false, 1).threads, 4);
+        let other = kept.after(kept.asked([0, 0, 2], 0, 8).0, true, 2);
+        assert_eq!((other.told, other.threads, kept.told), (2, 2, 0));
+        assert_eq!(Begun::default().after(now, false, 1).threads, 1);
     }
 
     #[test]
