@@ -487,17 +487,21 @@ mod tests {
             let (table, drawn) = (results.table(), figures(&plan, &results.outcomes, &results.numbers));
             let Some(Block::Charts(charts)) = drawn else { panic!("a figure is drawn") };
             let lines = charts[0].series.iter().map(|line| line.points.len()).collect::<Vec<_>>();
-            (table.rows[1][3].clone(), table.note, lines, results.gaps())
+            let marked = table.rows[0][3].strong;
+            (table.rows[1][3].clone(), table.note, lines, (results.gaps(), marked))
         };
-        let (cell, note, lines, gaps) = of([0.5, 0.6, 0.7]);
+        let (cell, note, lines, (gaps, _)) = of([0.5, 0.6, 0.7]);
         assert!(cell.strong && cell.text == "0.6000 ± 0.1000" && !note.contains("n:"), "{note}");
         assert_eq!((lines, gaps.len()), (vec![2, 2], 0));
-        let (cell, note, lines, gaps) = of([0.5, f64::NAN, 0.6]);
+        let (cell, note, lines, (gaps, _)) = of([0.5, f64::NAN, 0.6]);
         assert!(!cell.strong && cell.text == "0.5500 ± 0.0707 (n = 2)", "{}", cell.text);
         assert!(note.contains("no finite value: IoU (b, seed 2); a point") && !note.contains("none differs"), "{note}");
         // Nor is a place of a figure the mean of some.
         assert_eq!(lines, [2, 1]);
         assert_eq!(gaps, ["the figure `by k` leaves out 8 of `b`: not all of its finished runs have it"]);
+        // Nor is a whole one the best beside it, whose runs that are left may differ alike from it.
+        let marked = |b: [f64; 3]| of(b).3.1;
+        assert!(marked([-0.9, -0.8, -0.7]) && !marked([-0.9, f64::NAN, -0.7]));
         // Where none has any there is no mean to tell of.
         let (cell, note, ..) = of([f64::NAN; 3]);
         assert!(cell.text == "–" && !note.contains("n:"), "{note}");
