@@ -104,7 +104,7 @@ fn read(path: &Path, bytes: &[u8], folder: Option<&Path>) -> Result<ArrayRig, Fa
 
 /// The OBJ of a rig text: beside it or, as RigNet's data set has it, in `obj` beside `rig_info` and in
 /// `obj_remesh` beside `rig_info_remesh`. Of several that are called so the one that says it is, as those that riglab wrote
-/// do; never one that says it is another text's.
+/// do; one that says it is another text's only where there is none else and the numbers of vertices do not speak against it.
 fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
     let name = folder.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let other = name.strip_prefix("rig_info").map(|rest| folder.with_file_name(format!("obj{rest}")));
@@ -116,7 +116,19 @@ fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
     let all = places.flat_map(|place| names.iter().map(move |name| place.join(name)));
     let there: Vec<PathBuf> = all.filter(|path| path.is_file()).collect();
     let own = there.iter().find(|mesh| there.len() > 1 && is_mesh_of(mesh, path));
-    own.or_else(|| there.iter().find(|mesh| !is_of_another(mesh, path))).cloned()
+    let free = || there.iter().find(|mesh| !is_of_another(mesh, path));
+    // A second text of one mesh: joints alone, or other weights.
+    own.or_else(free).or_else(|| there.iter().find(|mesh| fits(path, mesh))).cloned()
+}
+
+/// Whether a rig text has weights for as many vertices as an OBJ has, or none.
+fn fits(text: &Path, mesh: &Path) -> bool {
+    let fit = || -> Result<bool, Fault> {
+        let weights = rig_text::read(utf8(&read_file(text)?)?, None)?.weights;
+        let vertices = || obj::read(utf8(&read_file(mesh)?)?).map_err(|e| Fault::Obj(e.to_string()));
+        Ok(weights.is_none_or(|weights| vertices().is_ok_and(|(vertices, _)| vertices.len() == weights.rows())))
+    };
+    fit().unwrap_or(false)
 }
 
 /// Whether an OBJ says that it is of another text than this one.
@@ -275,6 +287,37 @@ mod tests {
             assert_eq!(RigText.is_rig(&at("c_skel.txt")), counts, "{text}");
         }
         assert!(RigText.is_rig(&at("c_rig.txt")));
+    }
+
+    #[test]
+    fn a_mesh_that_says_whose_it_is_serves_other_texts_that_have_none() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        let write = |name: &str, text: &str| std::fs::write(at(name), text).unwrap();
+        let mesh = riglab_core::Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+        let joints = vec![riglab_core::Joint { name: "a".into(), parent: None, head: [0.0; 3] }];
+        let weights = riglab_core::SkinWeights::normalized((0..3).map(|_| vec![(0, 1.0)])).unwrap();
+        let rig = riglab_core::Rig::new(riglab_core::Skeleton::new(joints).unwrap(), mesh, weights).unwrap();
+        let asset = riglab_core::Asset { name: "c".into(), rig, clips: vec![], provenance: Default::default() };
+        crate::write(&[asset], at("c_rig.txt"), crate::Target::RIGNET).unwrap();
+        let skin = |vertices: usize| (0..vertices).map(|v| format!("skin {v} b 1\n")).collect::<String>();
+        for (name, vertices, is_rig) in [("c_skel.txt", 0, false), ("c_skin.txt", 3, true)] {
+            write(name, &format!("joints b 0 0 0\nroot b\n{}", skin(vertices)));
+            assert_eq!(
+                (mesh_of(&at(name), dir.path()), RigText.is_rig(&at(name))),
+                (Some(at("c.obj")), is_rig),
+                "{name}"
+            );
+            let rig = read(&at(name), &std::fs::read(at(name)).unwrap(), Some(dir.path())).unwrap();
+            assert_eq!(rig.vertices.len(), 3, "{name}");
+        }
+        // Of as many vertices it is not.
+        write("c_skin.txt", &format!("joints b 0 0 0\nroot b\n{}", skin(2)));
+        assert_eq!(mesh_of(&at("c_skin.txt"), dir.path()), None);
+        // One that nobody claims comes first.
+        write("c_skel.obj", "v 0 0 0\n");
+        assert_eq!(mesh_of(&at("c_skel.txt"), dir.path()), Some(at("c_skel.obj")));
+        assert_eq!(beside_obj(&at("c.obj"), dir.path()), Some(at("c_rig.txt")));
     }
 
     #[test]
