@@ -4,7 +4,7 @@
 //! its own folder, synced and renamed, so a kill at any moment leaves what was there; the names of
 //! unfinished files are known, so a process that is asked to leave takes them with it. Those of one that was killed are
 //! removed by the next that writes into their folder on the same machine. A file that replaces another may be read and
-//! written by the same users, and what is write-protected is not replaced.
+//! written by the same users, where it can be given to them, and what is write-protected is not replaced.
 //!
 //! Leaves out: what is in the files.
 

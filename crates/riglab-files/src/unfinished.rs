@@ -22,37 +22,32 @@ pub struct Unfinished {
 }
 
 impl Unfinished {
-    /// An empty file in the folder of `path`, readable for others as the user's mask has it, or as the file that is there is. A
-    /// link is followed; what is there and no plain file, a device for example, is never replaced, nor is what is
-    /// write-protected ([`may_replace`]).
+    /// An empty file in the folder of `path`, readable for others as the user's mask has it, or as the file that is there is,
+    /// where it can be given to the same user. A link is followed; what is there and no plain file, a device for example, is
+    /// never replaced, nor is what is write-protected ([`may_replace`]).
     ///
     /// # Errors
     /// Those of the file system, without the temporary name, which says nothing to a user.
     pub fn beside(path: &Path) -> io::Result<(File, Self)> {
         may_replace(path)?;
-        let (place, mode) = match fs::canonicalize(path) {
+        let (place, there) = match fs::canonicalize(path) {
             Ok(real) => {
                 let there = fs::metadata(&real)?;
                 if !there.is_file() {
                     return Err(io::Error::other("it is there, and no plain file"));
                 }
-                (real, Some(there.permissions()))
+                (real, Some(there))
             }
             // Nothing is there yet, where a link leads or here.
             Err(_) => (led(path)?, None),
         };
-        let mut builder = tempfile::Builder::new();
-        // Temporary files are private by default; this one is to be as any other, or as the one that it replaces.
-        #[cfg(unix)]
-        if mode.is_none() {
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        let prefix = stale::prefix();
-        builder.prefix(&prefix).suffix(stale::SUFFIX);
         let mut open = open();
         stale::remove(folder(&place));
-        let made = builder.tempfile_in(folder(&place)).map_err(|e| plain(&e))?;
+        let mut made = temporary(folder(&place), there.is_some())?;
+        let mode = there.as_ref().and_then(|there| taken_over(made.as_file(), there));
+        if there.is_some() && mode.is_none() {
+            made = temporary(folder(&place), false)?;
+        }
         let (file, temp) = made.keep().map_err(|e| plain(&e.error))?;
         open.push(temp.clone());
         Ok((file, Self { temp, place, mode }))
@@ -115,6 +110,44 @@ impl Drop for Unfinished {
         remove(&self.temp);
         open.retain(|path| *path != self.temp);
     }
+}
+
+/// A new file under a name that tells whose it is: private, or as the user's mask has it.
+fn temporary(folder: &Path, private: bool) -> io::Result<tempfile::NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    // Temporary files are private by default.
+    #[cfg(unix)]
+    if !private {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let prefix = stale::prefix();
+    builder.prefix(&prefix).suffix(stale::SUFFIX).tempfile_in(folder).map_err(|e| plain(&e))
+}
+
+/// Gives a new file to the user and group of the one that it replaces, and says what may then be done with it: what that one
+/// said would be about somebody else where this fails.
+#[cfg(unix)]
+fn taken_over(new: &File, there: &fs::Metadata) -> Option<fs::Permissions> {
+    use std::os::unix::fs::{MetadataExt, PermissionsExt, fchown};
+    let (made, mode) = (new.metadata().ok()?, there.permissions());
+    let is_same = (made.uid(), made.gid()) == (there.uid(), there.gid());
+    // Root may give files away, and everybody to a group of his.
+    if is_same || fchown(new, Some(there.uid()), Some(there.gid())).is_ok() {
+        return Some(mode);
+    }
+    (made.uid() == there.uid()).then(|| fs::Permissions::from_mode(for_another_group(mode.mode())))
+}
+
+#[cfg(not(unix))]
+fn taken_over(_: &File, there: &fs::Metadata) -> Option<fs::Permissions> {
+    Some(there.permissions())
+}
+
+/// A mode by which the group may do no more than all others.
+#[cfg(unix)]
+fn for_another_group(mode: u32) -> u32 {
+    (mode & !0o070) | (mode & ((mode & 0o007) << 3))
 }
 
 fn open() -> MutexGuard<'static, Vec<PathBuf>> {
@@ -226,6 +259,25 @@ mod tests {
         assert_eq!(count(), 1);
         assert!(left.finish().is_err());
         assert!(dir.path().join("b").exists());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn files_stay_with_their_users() {
+        use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+        let _turn = TURN.lock().unwrap();
+        assert_eq!([0o600, 0o640, 0o664, 0o644].map(for_another_group), [0o600, 0o600, 0o644, 0o644]);
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("a");
+        fs::write(&file, "one").unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
+        // Only root may.
+        if chown(&file, Some(4711), Some(4712)).is_err() {
+            return;
+        }
+        crate::write(&file, b"two").unwrap();
+        let now = file.metadata().unwrap();
+        assert_eq!((now.uid(), now.gid(), now.permissions().mode() & 0o777), (4711, 4712, 0o640));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use crate::unfinished::{Unfinished, folder, plain};
 
 /// Writes under a temporary name in the same folder, syncs, renames: a kill at any moment leaves what was
 /// there. A link is followed; what is there and no plain file, a device for example, is never replaced, nor is what is
-/// write-protected. What replaces a file may be read and written by the same users.
+/// write-protected. What replaces a file may be read and written by the same users, where it can be given to them.
 ///
 /// # Errors
 /// Those of the file system, without the name of the temporary file.
