@@ -79,7 +79,7 @@ pub enum CurateError {
         files: Vec<String>,
     },
     /// A corpus that is to be merged, with a journal of later files beside it.
-    #[error("{path}: holds `{name}` as it was before its file changed, as a curation that was broken off leaves it; run that curation again to its end, then merge", path = path.display())]
+    #[error("{path}: holds `{name}` as it was before its file or the settings changed, as a curation that was broken off leaves it; run that curation again to its end, then merge", path = path.display())]
     Older {
         /// The corpus.
         path: PathBuf,

@@ -55,7 +55,7 @@ pub fn merge_shards(
     for input in &inputs {
         let corpus = if nothing_left(input) { None } else { Some(Corpus::open(&input.out)?) };
         if let Some(corpus) = &corpus {
-            of_its_journal(corpus, &input.out, &checksums)?;
+            of_its_journal(corpus, input, &checksums)?;
         }
         if let Some(corpus) = corpus.as_ref().filter(|_| keep.contains(&input.out)) {
             splits.extend(corpus.names()?.iter().cloned().zip(corpus.texts("split")?));
@@ -100,13 +100,14 @@ fn gather(inputs: &[Places]) -> Result<Vec<Record>, CurateError> {
 }
 
 /// Whether the assets of a corpus are those that its journal is about: this may be of a later curation, which was broken off
-/// before it wrote a corpus. `checksums` are those of the records' files, by asset.
-fn of_its_journal(corpus: &Corpus, path: &Path, checksums: &HashMap<&str, &str>) -> Result<(), CurateError> {
+/// before it wrote a corpus. `checksums` are those of the files of all inputs' records, by asset.
+fn of_its_journal(corpus: &Corpus, input: &Places, checksums: &HashMap<&str, &str>) -> Result<(), CurateError> {
+    let known: HashSet<String> = records(&input.journal())?.into_iter().map(|record| record.name).collect();
     let own = corpus.names()?.iter().zip(corpus.texts("checksum")?);
     // What could not be read then is not taken from the corpus either.
     let is_other = |name: &str, own: &str| checksums.get(name).is_some_and(|now| !now.is_empty() && *now != own);
-    match own.into_iter().find(|(name, own)| is_other(name, own)) {
-        Some((name, _)) => Err(CurateError::Older { path: path.into(), name: name.clone() }),
+    match own.into_iter().find(|(name, own)| !known.contains(*name) || is_other(name, own)) {
+        Some((name, _)) => Err(CurateError::Older { path: input.out.clone(), name: name.clone() }),
         None => Ok(()),
     }
 }

@@ -341,6 +341,23 @@ fn a_corpus_that_is_older_than_its_journal_is_not_merged() {
 }
 
 #[test]
+fn a_corpus_with_a_journal_that_was_begun_anew_is_not_merged() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(2));
+    let out = tempfile::tempdir().unwrap();
+    let [part, whole, merged] = ["part", "whole", "merged"].map(|name| Places::of(&out.path().join(name)));
+    let tell = |_: &str, _: usize, _: usize| ();
+    for places in [&part, &whole] {
+        curate(dir.path(), places, None, &plain(), &tell).unwrap();
+    }
+    // A head, and the first file; what the other says of the second is not said of the part's.
+    let journal = std::fs::read_to_string(part.journal()).unwrap();
+    std::fs::write(part.journal(), journal.split_inclusive('\n').take(3).collect::<String>()).unwrap();
+    let said = merge_shards(&[part.out.clone(), whole.out.clone()], &[], &merged, &plain(), &tell).unwrap_err();
+    assert!(said.to_string().contains("part: holds `"), "{said}");
+}
+
+#[test]
 fn a_merge_counts_what_its_parts_stages_dropped() {
     let dir = tempfile::tempdir().unwrap();
     let all = creatures(6);
