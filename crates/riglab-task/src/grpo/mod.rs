@@ -52,8 +52,26 @@ use policy::Policy;
 struct First {
     /// Its J2J over the meshes whose true rig is known, with 1 for a draw that is no skeleton.
     j2j: f64,
-    /// Its mean reward; NaN in runs that were begun before it was kept.
+    /// Its mean reward.
     reward: f64,
+}
+
+impl First {
+    /// What it is kept as. Under `first.j2j` earlier versions kept a mean over all meshes, which says nothing of this one.
+    const NAMES: [&str; 2] = ["first.j2j_of_known", "first.reward"];
+
+    fn tensors(self) -> impl Iterator<Item = (String, Tensor)> {
+        Self::NAMES
+            .into_iter()
+            .zip([self.j2j, self.reward])
+            .map(|(name, value)| (name.to_string(), Tensor::from(value)))
+    }
+
+    /// What was kept; `None` where it is to be measured anew.
+    fn of(kept: &BTreeMap<String, Tensor>) -> Option<Self> {
+        let [j2j, reward] = Self::NAMES.map(|name| kept.get(name).map(|t| t.double_value(&[])));
+        Some(Self { j2j: j2j?, reward: reward? })
+    }
 }
 
 /// The task, with its policy and data.
@@ -332,15 +350,12 @@ impl Task for GrpoTask {
 
     fn kept(&self) -> BTreeMap<String, Tensor> {
         let mut all = self.rollout.borrow().as_ref().map(Rollout::tensors).unwrap_or_default();
-        let first = self.first.get().map(|first| [("first.j2j", first.j2j), ("first.reward", first.reward)]);
-        all.extend(first.into_iter().flatten().map(|(name, value)| (name.to_string(), Tensor::from(value))));
+        all.extend(self.first.get().into_iter().flat_map(First::tensors));
         all
     }
 
     fn resume(&self, kept: &BTreeMap<String, Tensor>) -> Result<(), String> {
-        let value = |name: &str| kept.get(name).map(|t| t.double_value(&[]));
-        let reward = value("first.reward").unwrap_or(f64::NAN);
-        self.first.set(value("first.j2j").map(|j2j| First { j2j, reward }));
+        self.first.set(First::of(kept));
         self.rollout.replace(Rollout::of(kept));
         Ok(())
     }
@@ -382,5 +397,19 @@ impl Experiment for GrpoTask {
             |s| &s.file,
             |gallery| Evaluation { checkpoint, report, gallery, other_models: Vec::new() },
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_earlier_versions_measured_of_the_start_is_measured_anew() {
+        let mut kept: BTreeMap<String, Tensor> = First { j2j: 0.25, reward: 4.0 }.tensors().collect();
+        assert_eq!(First::of(&kept).map(|first| (first.j2j, first.reward)), Some((0.25, 4.0)));
+        let j2j = kept.remove(First::NAMES[0]).unwrap();
+        kept.insert("first.j2j".into(), j2j);
+        assert!(First::of(&kept).is_none());
     }
 }
