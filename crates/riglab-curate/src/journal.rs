@@ -22,6 +22,8 @@ use crate::{CurateConfig, CurateError};
 
 /// Raised when what a record means changes.
 const VERSION: u32 = 3;
+/// Raised when another record would be made of the same file and settings: by rules of import, repair and stages.
+const RULES: u32 = 1;
 /// Appends between two syncs: what a loss of power may cost. A kill costs nothing that was appended.
 const SYNC_EVERY: usize = 256;
 
@@ -260,9 +262,13 @@ fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(JournalContent, 
 
 /// What records depend on.
 pub fn key(config: &CurateConfig) -> String {
+    key_by(config, RULES)
+}
+
+fn key_by(config: &CurateConfig, rules: u32) -> String {
     let c = config;
     let parts = (&c.import, &c.repair, &c.stages, &c.bones, &c.tree, &c.weights, &c.size, &c.objects);
-    let all = (parts, &c.outside, &c.humanoid, env!("CARGO_PKG_VERSION"));
+    let all = (parts, &c.outside, &c.humanoid, env!("CARGO_PKG_VERSION"), rules);
     blake3::hash(serde_json::to_string(&all).unwrap_or_default().as_bytes()).to_hex()[..32].into()
 }
 
@@ -362,5 +368,8 @@ mod tests {
         config.bones.min = 5;
         let (_, held) = Journal::open(&path, &config).unwrap();
         assert!(held.of_another && held.done.is_empty());
+        std::fs::write(&path, text(&[record("a", "a")], &key_by(&config, RULES - 1))).unwrap();
+        let (_, held) = Journal::open(&path, &config).unwrap();
+        assert!(held.of_another && held.done.is_empty(), "by earlier rules");
     }
 }
