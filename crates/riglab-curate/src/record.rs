@@ -1,6 +1,6 @@
 //! What is known of an asset once it has been looked at.
 
-use riglab_core::Rig;
+use riglab_core::{Asset, Rig};
 use serde::{Deserialize, Serialize};
 
 use crate::Category;
@@ -54,7 +54,7 @@ pub struct Facts {
     pub rules: Category,
     /// What spoke for it.
     pub because: String,
-    /// Its description, for duplicates.
+    /// Its description, for duplicates: as repairs leave it without its motions.
     pub shape: Shape,
 }
 
@@ -67,6 +67,7 @@ impl Record {
     /// Looks at an asset: repairs it, asks the stages, describes it.
     pub fn of(mut read: ReadAsset, file: String, config: &CurateConfig) -> Self {
         let name = read.asset.name.clone();
+        let still = without_motions(&mut read.asset, config);
         let repairs = match repair(&mut read.asset, &config.repair) {
             Ok(repairs) => repairs.len(),
             Err(e) => return Self::refused(name, file, format!("its repair failed: {e}")),
@@ -86,7 +87,7 @@ impl Record {
             stated: from.category.clone(),
             rules: category,
             because: because.into(),
-            shape: Shape::of(rig),
+            shape: Shape::of(still.as_ref().unwrap_or(rig)),
         };
         let dropped = dropped(rig, &read.seen, config).map(|(stage, why)| (stage.name().to_owned(), why));
         Self { name, file, dropped, notes: from.notes.clone(), facts: Some(facts) }
@@ -101,6 +102,18 @@ impl Record {
     pub fn digest(&self) -> &str {
         self.checksum().get(..16).unwrap_or(self.checksum())
     }
+}
+
+/// An asset's rig as it is repaired without its motions, where it has some: which joints they leave in it is nothing by which
+/// one character is told from another.
+fn without_motions(asset: &mut Asset, config: &CurateConfig) -> Option<Rig> {
+    if asset.clips.is_empty() {
+        return None;
+    }
+    let clips = std::mem::take(&mut asset.clips);
+    let mut still = asset.clone();
+    asset.clips = clips;
+    repair(&mut still, &config.repair).ok().map(|_| still.rig)
 }
 
 /// Of a triangle on one joint, for tests.
@@ -119,5 +132,36 @@ pub(crate) fn facts(checksum: &str, source: &str) -> Facts {
         rules: Category::Humanoid,
         because: String::new(),
         shape: Shape { joints: 0, values: Vec::new() },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Clip, Joint, JointId, Mesh, Provenance, Skeleton, SkinWeights};
+
+    use super::*;
+    use crate::read::ImportFindings;
+
+    #[test]
+    fn motions_do_not_tell_characters_apart() {
+        let record = |height: f32| {
+            let joints = [(None, 0.0), (Some(JointId(0)), 0.0), (Some(JointId(1)), 1.0)].map(|(parent, y)| Joint {
+                name: format!("{parent:?}"),
+                parent,
+                head: [0.0, y, 0.0],
+            });
+            let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+            let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]).unwrap();
+            let weights = SkinWeights::normalized((0..4).map(|_| (0..3).map(|j| (j, 1.0)))).unwrap();
+            let rig = Rig::new(Skeleton::new(Vec::from(joints)).unwrap(), mesh, weights).unwrap();
+            let map = |up| [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, up, 0.0]];
+            let clip = Clip::new("rise".into(), 30.0, 3, vec![map(0.0), map(height), map(height)]).unwrap();
+            let asset = Asset { name: "a".into(), rig, clips: vec![clip], provenance: Provenance::default() };
+            let read = ReadAsset { asset, seen: ImportFindings::default() };
+            Record::of(read, "a.glb".into(), &CurateConfig::default()).facts.unwrap()
+        };
+        let [folded, apart] = [0.0, 3.0].map(record);
+        assert_eq!((folded.joints, apart.joints), (2, 3));
+        assert_eq!(folded.shape, apart.shape);
     }
 }
