@@ -101,7 +101,6 @@ fn long_times_are_cut() {
     assert!(imported.warnings().iter().any(|w| w.to_string().contains("cut after 1024 frames: wave")));
 }
 
-/// Posed as their makers meant, characters stay together.
 #[test]
 fn a_motion_that_is_asked_for_is_read_whatever_others_take() {
     let tiny = |name: &str| {
@@ -125,6 +124,7 @@ fn a_motion_that_is_asked_for_is_read_whatever_others_take() {
     assert_eq!(names(None, 1.0).0.len(), 3);
 }
 
+/// Posed as their makers meant, characters stay together.
 #[test]
 fn real_clips_move_and_do_not_tear() {
     let Some(folder) = data("RIGLAB_RIGS", "rigs") else { return };

@@ -27,12 +27,14 @@ pub fn repair(asset: &mut Asset, config: &RepairConfig) -> Result<Vec<String>, R
             coincident(&asset.rig, config.zero_length_share).into_iter().partition(|&joint| moves_apart(asset, joint));
         if !apart.is_empty() {
             let what = count(apart.len(), "joint of a bone without length");
-            let why = format!("{what} left, as motions take it from its parent: {}", named(&asset.rig, &apart));
+            let (it, its) = if apart.len() == 1 { ("it", "its parent") } else { ("them", "their parents") };
+            let why = format!("{what} left, as motions take {it} from {its}: {}", named(&asset.rig, &apart));
             asset.provenance.notes.push(why);
         }
         if !gone.is_empty() {
             let what = count(gone.len(), "joint of a bone without length");
-            told.push(format!("{what} folded into its parent: {}", named(&asset.rig, &gone)));
+            let its = if gone.len() == 1 { "its parent" } else { "their parents" };
+            told.push(format!("{what} folded into {its}: {}", named(&asset.rig, &gone)));
             remove(asset, &gone)?;
         }
     }

@@ -166,13 +166,13 @@ fn told(skins: &Skins, binds: &Binds, joints: &[ReadJoint]) -> Vec<ToldSkin> {
     skins.iter().enumerate().filter_map(one).collect()
 }
 
-/// The JSON of a file and the bytes that come with it.
 /// See [`crate::is_vrm`].
 pub(crate) fn is_vrm(bytes: &[u8]) -> bool {
     let document = split(bytes).ok().and_then(|chunks| Document::parse(chunks.json).ok());
     document.is_some_and(|document| vrm::is_one(&document))
 }
 
+/// The JSON of a file and the bytes that come with it.
 fn split(bytes: &[u8]) -> Result<glb::Chunks<'_>, Fault> {
     if bytes.starts_with(b"glTF") {
         return glb::chunks(bytes);
