@@ -75,6 +75,7 @@ impl Reading {
             .collect();
         let several = self.skeletons() > 1;
         let stays = |joint: JointId| number[joint.index()].map(JointId);
+        let gone: HashSet<usize> = self.joints.iter().filter(|j| j.skeleton != skeleton).map(|j| j.node).collect();
         self.joints.retain(|j| j.skeleton == skeleton);
         for joint in &mut self.joints {
             joint.skeleton = 0;
@@ -82,7 +83,7 @@ impl Reading {
         }
         self.keep_sets(&number)?;
         if several {
-            self.keep_warnings(skeleton, &number);
+            self.keep_warnings(skeleton, &number, &gone);
         }
         self.body = Body {
             vrm: self.body.vrm,
@@ -94,7 +95,8 @@ impl Reading {
     }
 
     /// Leaves what warnings say of the skeleton that is left, one of several; what is said of no part of it is said of none.
-    fn keep_warnings(&mut self, skeleton: usize, number: &[Option<u16>]) {
+    /// `gone` are the nodes of the other skeletons' joints.
+    fn keep_warnings(&mut self, skeleton: usize, number: &[Option<u16>], gone: &HashSet<usize>) {
         let told = std::mem::take(&mut self.told);
         let skins: Vec<_> = told.skins.iter().filter(|skin| skin.skeleton == skeleton).collect();
         let held = |joint: Option<u16>| joint.is_some_and(|joint| number[usize::from(joint)].is_some());
@@ -125,6 +127,11 @@ impl Reading {
                 let own = nodes.into_iter().zip(joints).filter(|(_, joint)| names.contains(joint.as_str()));
                 let (nodes, joints): (Vec<_>, Vec<_>) = own.unzip();
                 (!nodes.is_empty()).then_some(Warning::RigidParts { nodes, joints })
+            }
+            // A node that is no joint may be above any.
+            Warning::ZeroScale { mut nodes } => {
+                nodes.retain(|node| !gone.contains(&node.number));
+                (!nodes.is_empty()).then_some(Warning::ZeroScale { nodes })
             }
             Warning::LeftOut { mut nodes } => {
                 nodes.retain(|node| left_out.contains(&node.number));

@@ -122,6 +122,17 @@ fn of_faults_each_is_told_its_own() {
 }
 
 #[test]
+fn a_joint_without_scale_is_told_of_its_own_character() {
+    let bytes = two().with("/nodes/5/scale", json!([0, 0, 0])).glb();
+    let told = [0, 1].map(|number| {
+        let options = ImportOptions { character: Some(Character::Number(number)), ..ImportOptions::default() };
+        let read = import_bytes("two.glb", &bytes, &options).unwrap();
+        read.warnings().iter().any(|warning| matches!(warning, Warning::ZeroScale { .. }))
+    });
+    assert_eq!(told, [false, true]);
+}
+
+#[test]
 fn a_file_can_be_split() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("two.glb");
