@@ -115,14 +115,14 @@ fn of_its_journal(corpus: &Corpus, input: &Places, checksums: &HashMap<&str, &st
 /// The stages that what is merged has passed, as the reports of its parts say, and that of duplicates where the config asks for
 /// it; those of the config where nothing is said.
 fn passed(inputs: &[Places], config: &CurateConfig) -> Vec<StageName> {
-    let of = |input: &Places| funnel(&input.funnel()).map_or(Vec::new(), |funnel| funnel.stages);
+    let funnels: Vec<Funnel> = inputs.iter().filter_map(|input| funnel(&input.funnel())).collect();
+    if funnels.is_empty() {
+        return config.stages.clone();
+    }
     let mut stages: Vec<StageName> = Vec::new();
-    for stage in inputs.iter().flat_map(of) {
+    for stage in funnels.iter().flat_map(|funnel| &funnel.stages) {
         let known = StageName::ALL.into_iter().find(|known| known.name() == stage.stage);
         stages.extend(known.filter(|known| *known != StageName::Duplicates && !stages.contains(known)));
-    }
-    if inputs.iter().all(|input| funnel(&input.funnel()).is_none()) {
-        return config.stages.clone();
     }
     stages.extend(config.stages.contains(&StageName::Duplicates).then_some(StageName::Duplicates));
     stages
