@@ -118,20 +118,17 @@ pub fn curate(
     if let Some(hidden) = files.hidden() {
         tell(hidden, 0, 0);
     }
-    let there: Option<Vec<Shard>> = match shard {
-        Some(shard) => {
-            let mut filled = HashSet::new();
-            files.retain(|name| {
-                filled.insert(shard.number_of(name));
-                shard.has(name)
-            });
-            // Parts that no file falls into are as good as there: they have no corpus.
-            let empty = (1..=shard.of).filter(|number| *number != shard.number && !filled.contains(number));
-            let empty = empty.take(EMPTY).map(|number| Shard { number, ..shard });
-            Some(std::iter::once(shard).chain(empty).collect())
-        }
-        None => None,
-    };
+    let there: Option<Vec<Shard>> = shard.map(|shard| {
+        let mut filled = HashSet::new();
+        files.retain(|name| {
+            filled.insert(shard.number_of(name));
+            shard.has(name)
+        });
+        // Parts that no file falls into are as good as there: they have no corpus.
+        let empty = (1..=shard.of).filter(|number| *number != shard.number && !filled.contains(number));
+        let empty = empty.take(EMPTY).map(|number| Shard { number, ..shard });
+        std::iter::once(shard).chain(empty).collect()
+    });
     let (records, journal) = look(&files, places, config, tell)?;
     let done = finish(&Source::Folder(&files, config), &records, places, shard, config, tell);
     match &done {
