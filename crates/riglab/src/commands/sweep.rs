@@ -667,7 +667,7 @@ mod tests {
     fn a_run_without_a_best_is_evaluated_at_its_last_step() {
         let run = tempfile::tempdir().unwrap();
         let asked = || {
-            let command = process(Command::new("riglab"), 1, Path::new("c.toml"), Stage::Evaluate, run.path());
+            let command = process(Command::new("riglab"), [1, 0], Path::new("c.toml"), Stage::Evaluate, run.path());
             command.get_args().skip(3).map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
         };
         let (last, best) = (run.path().join("checkpoints/last"), run.path().join("checkpoints/best"));
