@@ -45,14 +45,11 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
 /// model that rewards refine, the auto-encoder of skin tokens, the weights to begin with, and what these build on in turn. Of
 /// models in files, and of those that come with riglab, no corpora are known.
 pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
-    const KEYS: [&str; 3] = ["start.model", "skin.run", "train.start.from"];
     let (mut found, mut known) = (Vec::new(), HashSet::new());
     let mut open: Vec<(Option<&'static str>, String)> = vec![(None, settings.to_owned())];
     while let Some((first, text)) = open.pop() {
         let Ok(of) = text.parse().map(toml::Value::Table) else { continue };
-        for key in KEYS {
-            let named = key.split('.').try_fold(&of, |table, name| table.get(name)).and_then(toml::Value::as_str);
-            let Some(named) = named.filter(|named| !named.is_empty()) else { continue };
+        for (key, named) in models(&of) {
             let run = named_by(Path::new(named)).0;
             let (Ok(whole), Ok(text)) = (run.canonicalize(), std::fs::read_to_string(run.join("config.toml"))) else {
                 continue;
@@ -67,6 +64,16 @@ pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
         }
     }
     found
+}
+
+/// The models that settings build on, each with its key: as they are named, a path or one that comes with riglab.
+pub fn models(settings: &toml::Value) -> impl Iterator<Item = (&'static str, &str)> {
+    const KEYS: [&str; 3] = ["start.model", "skin.run", "train.start.from"];
+    let named = move |key: &'static str| {
+        let value = key.split('.').try_fold(settings, |table, name| table.get(name))?;
+        Some((key, value.as_str().filter(|named| !named.is_empty())?))
+    };
+    KEYS.into_iter().filter_map(named)
 }
 
 /// A sentence on such assets, for who trains or evaluates; `None` without any. `by` is the key that names the model that was

@@ -1,6 +1,7 @@
 //! `riglab sweep`
 
 mod begun;
+mod named;
 pub mod settled;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -9,26 +10,25 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, bail};
-use riglab_config::{Config, ConfigError, FaultKind};
+use anyhow::{Context, Result, bail};
 use riglab_data::Corpus;
 use riglab_report::{Cell, Table};
-use riglab_slurm::SlurmConfig;
 use riglab_sweep::{
-    Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, SweepFile, may_be_called, retry,
-    run as run_pool,
+    Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, may_be_called, retry, run as run_pool,
 };
+use riglab_task::seen::models;
 use riglab_train::{Interrupt, Progress, RunInfo, without_best};
 
 use super::charts::{charts, no_file, spare};
 use super::report::write;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
-use super::slurm::{Desk, On, apart, is_of_cluster, settings};
+use super::slurm::{Desk, On, apart, settings};
 use super::train::whole;
 use super::{keep_apart, shown, some_of};
 use crate::presets;
 use crate::registry::TaskConfig;
 use begun::Begun;
+use named::{asks, based, file_of, without_cluster};
 use riglab_report::counted;
 use riglab_report::shell::{command, quoted};
 
@@ -348,13 +348,8 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
 
 /// The files that a job's settings name: corpora, and models that it builds on.
 fn files_of(config: &TaskConfig) -> Result<Vec<PathBuf>> {
-    let table: toml::Table = config.to_toml()?.parse()?;
-    let named = |key: &str| {
-        let mut steps = key.split('.');
-        let first = table.get(steps.next()?)?;
-        steps.try_fold(first, |table, step| table.get(step))?.as_str().map(PathBuf::from)
-    };
-    let models = ["skin.run", "start.model", "train.start.from"].into_iter().filter_map(named);
+    let settings = toml::Value::Table(config.to_toml()?.parse()?);
+    let models = models(&settings).map(|(_, named)| PathBuf::from(named));
     Ok(config.data().corpora.iter().cloned().chain(models).filter(|path| !path.as_os_str().is_empty()).collect())
 }
 
@@ -457,82 +452,6 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     };
     let desk = Desk::new(&folder, slurm)?;
     Ok((plan, folder, desk))
-}
-
-/// The table `[sweep]`. Its changes say of which tables they choose another block: jobs have nothing of the former one.
-fn file_of(config: &Config) -> Result<SweepFile, ConfigError> {
-    let arms = config.get_at::<SweepFile>("sweep")?.arms.len();
-    let places = ["set", "product", "zip"].into_iter().map(|place| format!("sweep.{place}"));
-    let places = places.chain((0..arms).map(|arm| format!("sweep.arms[{arm}].set")));
-    places.fold(config.clone(), |config, place| config.with_choices(&place)).get_at("sweep")
-}
-
-/// Refuses changes of single jobs, or of all, that are about a cluster: its array asks for the same for each of them.
-fn without_cluster(config: &Config, file: &SweepFile) -> Result<(), ConfigError> {
-    let of = |place: &str, keys: Vec<&String>| keys.into_iter().map(|key| (place.to_owned(), key.clone())).collect();
-    let places: Vec<Vec<(String, String)>> = [
-        of("sweep.set", file.set.keys().collect()),
-        of("sweep.product", file.product.keys().collect()),
-        of("sweep.zip", file.zip.keys().collect()),
-    ]
-    .into_iter()
-    .chain(file.arms.iter().enumerate().map(|(k, arm)| of(&format!("sweep.arms[{k}].set"), arm.set.keys().collect())))
-    .collect();
-    match places.into_iter().flatten().find(|(_, key)| is_of_cluster(key)) {
-        Some((place, key)) => Err(config.invalid(
-            &format!("{place}.\"{key}\""),
-            "the jobs of a sweep are tasks of one array, which asks the cluster for the same for all of them: write it into \
-             the table [slurm] of the sweep's file",
-        )),
-        None => Ok(()),
-    }
-}
-
-/// What the jobs ask of a cluster: the table [slurm] of the sweep's file over those of the configs that they start from.
-fn asks<'a>(config: &Config, bases: impl Iterator<Item = &'a String>) -> Result<SlurmConfig> {
-    let table = |config: &Config| match config.contains("slurm") {
-        true => config.get_at::<toml::Table>("slurm"),
-        false => Ok(toml::Table::new()),
-    };
-    let (whole, own) = (settings(config)?, table(config)?);
-    let mut found: Option<(&str, SlurmConfig)> = None;
-    for base in bases {
-        let base_config = presets::load(base, &[])?;
-        settings(&base_config)?;
-        let mut all = table(&base_config)?;
-        all.extend(own.clone());
-        let slurm: SlurmConfig = all.try_into().with_context(|| format!("{base}, [slurm]"))?;
-        let invalid = |(key, message)| anyhow!("{base}, with [slurm] of the sweep's file: `{key}`: {message}");
-        slurm.validate().map_err(invalid)?;
-        match &found {
-            Some((first, other)) if *other != slurm => bail!(
-                "{first} and {base} have different tables [slurm], and the jobs of a sweep are tasks of one array: write what \
-                 is to hold for all of them into [slurm] of the sweep's file"
-            ),
-            _ => found = Some((base, slurm)),
-        }
-    }
-    Ok(found.map_or(whole, |(_, slurm)| slurm))
-}
-
-/// Where the config is that a sweep's file names under a key; that there is none is told at the key.
-fn based(config: &Config, key: &str, file: &Path, named: &str) -> Result<String, ConfigError> {
-    if named.is_empty() {
-        return Err(config.invalid(key, "it names no config; `riglab train --list` shows the built-in ones"));
-    }
-    let loaded = presets::load_beside(Some(file), named, &[]).err();
-    let missing = loaded.as_ref().and_then(|e| e.faults().first()).filter(|f| f.origin.is_none());
-    match missing.filter(|f| f.kind == FaultKind::Unreadable) {
-        Some(fault) => Err(config.invalid(key, &fault.message).with_hint(&fault.hint)),
-        None => Ok(beside(file, named)),
-    }
-}
-
-/// Where the config is that a sweep's file names: as named if it is there, else beside the file if it is there, as what a config
-/// extends; else as named, for a built-in one.
-fn beside(file: &Path, named: &str) -> String {
-    let own = file.parent().unwrap_or(Path::new("")).join(named);
-    if !Path::new(named).is_file() && own.is_file() { shown(&own) } else { named.to_owned() }
 }
 
 /// With the jobs at a time, and the threads of each, that the command line asks for.
@@ -652,18 +571,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_base_is_looked_for_beside_its_sweep() {
-        let folder = tempfile::tempdir().unwrap();
-        let (file, own) = (folder.path().join("s.toml"), folder.path().join("base_of_it.toml"));
-        std::fs::write(&own, "").unwrap();
-        assert_eq!(beside(&file, "base_of_it.toml"), shown(&own));
-        assert_eq!(beside(&file, &shown(&own)), shown(&own));
-        // Files of the working folder are meant where there are such, and built-in ones where there is none.
-        assert_eq!(beside(&file, "Cargo.toml"), "Cargo.toml");
-        assert_eq!(beside(&file, "quickstart/fsq_cvae.toml"), "quickstart/fsq_cvae.toml");
-    }
-
-    #[test]
     fn a_run_without_a_best_is_evaluated_at_its_last_step() {
         let run = tempfile::tempdir().unwrap();
         let asked = || {
@@ -693,26 +600,6 @@ mod tests {
         assert_eq!([0, 1].map(|most| of(most, Stage::Resume)), ["--threads 4 train --resume RUN"; 2]);
         assert_eq!(of(4, Stage::Train), "--threads 4 train c.toml --run RUN");
         assert!(of(4, Stage::Evaluate).starts_with("--threads 4 eval RUN"));
-    }
-
-    #[test]
-    fn a_base_that_is_nowhere_is_told_at_its_key_with_what_lies_near() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("s.toml");
-        std::fs::write(folder.path().join("base_of_it.toml"), "").unwrap();
-        let said = |named: &str| {
-            let text = format!("[sweep]\nbase = 'quickstart/fsq_cvae.toml'\n[[sweep.arms]]\nbase = '{named}'\n");
-            let config = presets::parse("s.toml", &text, &[]).unwrap();
-            based(&config, "sweep.arms[0].base", &file, named).map_err(|e| e.to_string())
-        };
-        let near = said("base_off_it.toml").unwrap_err();
-        assert!(near.starts_with("s.toml:4:8: `sweep.arms[0].base`: base_off_it.toml: no such file"), "{near}");
-        assert!(near.ends_with("hint: did you mean `base_of_it.toml`?"), "{near}");
-        let nowhere = said("elsewhere.toml").unwrap_err();
-        let tried = shown(&folder.path().join("elsewhere.toml"));
-        assert!(nowhere.contains(&format!("`{tried}`")) && nowhere.contains("built-in"), "{nowhere}");
-        assert_eq!(said("base_of_it.toml").unwrap(), shown(&folder.path().join("base_of_it.toml")));
-        assert_eq!(said("quickstart/fsq_cvae.toml").unwrap(), "quickstart/fsq_cvae.toml");
     }
 
     #[test]
@@ -757,7 +644,7 @@ mod tests {
         assert!(all.len() >= 3, "{all:?}");
         for (name, _) in all {
             let config = presets::load(name, &[]).unwrap_or_else(|e| panic!("{name}: {e}"));
-            let file: SweepFile = config.get_at("sweep").unwrap_or_else(|e| panic!("{name}: {e}"));
+            let file: riglab_sweep::SweepFile = config.get_at("sweep").unwrap_or_else(|e| panic!("{name}: {e}"));
             assert!(file.seeds.len() >= 3 && !file.question.is_empty() && !file.expected.is_empty(), "{name}");
             let plan = Plan::new(file, &["data.corpora=['rigs.h5']".into()]).unwrap_or_else(|e| panic!("{name}: {e}"));
             let whole = settled::configs(Path::new("nowhere")).unwrap();
