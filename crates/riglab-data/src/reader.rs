@@ -67,8 +67,7 @@ impl Corpus {
             false => DataError::OtherKind(path.into()),
         })?;
         let foreign = |message: String| DataError::NotCorpus { path: path.into(), message };
-        let format: Option<VarLenUnicode> = file.attr("format").and_then(|a| a.read_scalar()).ok();
-        if format.as_deref() != Some(FORMAT) {
+        if !is_corpus(&file) {
             return Err(DataError::OtherHdf5(path.into()));
         }
         let schema: u32 =
@@ -371,6 +370,12 @@ fn parsed<T: Default + serde::de::DeserializeOwned>(text: &str) -> Result<T, Str
     if text.is_empty() { Ok(T::default()) } else { serde_json::from_str(text).map_err(|e| e.to_string()) }
 }
 
+/// Whether an HDF5 file says that it is a corpus.
+pub(crate) fn is_corpus(file: &hdf5::File) -> bool {
+    let format: Option<VarLenUnicode> = file.attr("format").and_then(|a| a.read_scalar()).ok();
+    format.as_deref() == Some(FORMAT)
+}
+
 /// Whether a file ends as corpora do: one that is no HDF5 file was cut off.
 fn is_called_corpus(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ["h5", "hdf5"].iter().any(|own| ending.eq_ignore_ascii_case(own)))
@@ -448,6 +453,42 @@ mod tests {
         assert_eq!(corpus.verify(|_| ()).unwrap(), []);
         let back = corpus.verified(0).unwrap();
         assert_eq!((back.name.as_str(), back.clips[0].name()), ("one", "walk"));
+    }
+
+    #[test]
+    fn only_corpora_are_replaced_whether_or_not_they_can_be_opened() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = written(dir.path());
+        let whole = std::fs::read(&path).unwrap();
+        let at = whole.windows(FORMAT.len()).position(|bytes| bytes == FORMAT.as_bytes()).unwrap();
+        let mut foreign = whole.clone();
+        foreign[at..at + FORMAT.len()].copy_from_slice(b"somebodyelses");
+        for (bytes, replaced) in [
+            (&whole[..], true),
+            (&whole[..whole.len() / 2], true),
+            (&[], true),
+            (&foreign, false),
+            (&foreign[..foreign.len() / 2], false),
+            (b"\x89HDF\r\n\x1a\n", false),
+        ] {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(CorpusWriter::may_take(&path).is_ok(), replaced, "{} bytes", bytes.len());
+        }
+    }
+
+    #[test]
+    fn a_note_is_one_whatever_it_quotes() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("c.h5");
+        let mut writer = CorpusWriter::create(&path).unwrap();
+        let mut odd = asset("one", 3);
+        odd.provenance.notes = vec!["`a\nb` became `a_b`".into(), "second".into()];
+        writer.add(&odd).unwrap();
+        writer.finish(&["train"]).unwrap();
+        assert_eq!(
+            Corpus::open(&path).unwrap().verified(0).unwrap().provenance.notes,
+            ["`a b` became `a_b`", "second"]
+        );
     }
 
     #[test]

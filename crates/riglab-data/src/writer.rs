@@ -12,6 +12,7 @@ use riglab_core::{Asset, JointMap};
 use riglab_files::Unfinished;
 
 use crate::DataError;
+use crate::reader::is_corpus;
 use crate::room::{release, reserve};
 use crate::schema::{CLIP_NAMES, DIGEST, FORMAT, JOINT_NAMES, OFFSETS, SCHEMA, SPLIT, TEXTS};
 
@@ -165,7 +166,9 @@ impl CorpusWriter {
             return Err(DataError::DuplicateName(asset.name.clone()));
         }
         let (rig, from) = (&asset.rig, &asset.provenance);
-        let notes = from.notes.join("\n");
+        // A note takes a line; names from files that it quotes may hold more.
+        let notes: Vec<String> = from.notes.iter().map(|note| note.replace(char::is_control, " ")).collect();
+        let notes = notes.join("\n");
         let digest = digest(asset);
         let (humanoid, springs) = body(asset);
         let texts = [
@@ -294,17 +297,22 @@ impl CorpusWriter {
     }
 }
 
-/// Whether a file is empty, a corpus, or HDF5 that was cut off.
+/// What stands at the beginning of each corpus, within so many bytes, whether or not the rest is there.
+const BEGINNING: u64 = 1 << 16;
+
+/// Whether a file is empty, a corpus, or one that was cut off or is in use: then its beginning tells what it is.
 fn replaceable(path: &Path) -> bool {
     use std::io::Read;
     if !path.is_file() {
         return false;
     }
     let mut start = Vec::new();
-    let read = File::open(path).and_then(|f| f.take(8).read_to_end(&mut start));
-    let hdf5 = start.is_empty() || start == b"\x89HDF\r\n\x1a\n";
-    let foreign = || hdf5::File::open(path).is_ok_and(|file| file.attr("format").is_err());
-    read.is_ok() && hdf5 && (start.is_empty() || !foreign())
+    if File::open(path).and_then(|f| f.take(BEGINNING).read_to_end(&mut start)).is_err() {
+        return false;
+    }
+    let named = || start.windows(FORMAT.len()).any(|bytes| bytes == FORMAT.as_bytes());
+    let hdf5 = start.starts_with(b"\x89HDF\r\n\x1a\n");
+    start.is_empty() || (hdf5 && hdf5::File::open(path).map_or_else(|_| named(), |file| is_corpus(&file)))
 }
 
 /// A text as it comes back: HDF5 strings end at a zero byte, and names from files may hold one.
