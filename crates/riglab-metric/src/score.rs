@@ -12,8 +12,8 @@ use crate::{
 
 /// Anymate's tolerance for joints, in [-1, 1]³.
 const NEAR: f64 = 0.1;
-/// Joints up to which they are matched and trees compared, which takes their cube; beyond, those figures are
-/// undefined. Rigs have hundreds.
+/// Joints up to which they are matched, which takes their cube, and trees compared, where that is no more work; beyond, those
+/// figures are undefined. Rigs have hundreds.
 const MOST_JOINTS: usize = 1_500;
 
 /// Whose table a number is for: what stands behind the `@` of a metric's name.
@@ -199,7 +199,8 @@ impl Truth {
             if few { of(match_joints(&p.positions, &g.positions, tolerances)) } else { unknown }
         };
         let ted = |a: &[Option<usize>], b: &[Option<usize>]| {
-            if few { tree_edit_distance(a, b) as f64 } else { f64::NAN }
+            let edits = if few { tree_edit_distance(a, b) } else { None };
+            edits.map_or(f64::NAN, |edits| edits as f64)
         };
         let mut out = Vec::new();
         let mut add = |preset, figures: &[(&'static str, f64)]| {

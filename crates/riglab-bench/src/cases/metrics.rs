@@ -133,7 +133,7 @@ fn figures(pair: &Pair) -> Vec<f64> {
         out.extend([m.dice(), m.precision(), m.recall(), m.iou()]);
     }
     out.extend(nearest_shares(&a.positions, &b.positions, 0.1));
-    out.push(tree_edit_distance(&a.parents, &b.parents) as f64);
+    out.push(tree_edit_distance(&a.parents, &b.parents).map_or(f64::NAN, |edits| edits as f64));
     let [truth, predicted] = &pair.skins;
     let columns = b.positions.len();
     let (truth, predicted) = (Rows::dense(truth, columns), Rows::dense(predicted, columns));
