@@ -83,6 +83,8 @@ const PAPER: Look =
 const TITLE: (f64, f64) = (1.3, 0.48);
 /// Labels of an axis, about.
 const LABELS: u32 = 6;
+/// Those of the axis below, about.
+const PLACES: u32 = 6;
 /// From the least to the most, from where on an axis goes by ratios.
 const FAR_APART: f64 = 10.0;
 
@@ -94,6 +96,8 @@ struct Drawn<'a> {
     lines: &'a [Line<'a>],
     dashes: &'a [Option<(i32, i32)>],
     axis: &'a str,
+    /// The label of a place along the axis of steps.
+    place_of: &'a dyn Fn(f64) -> String,
 }
 
 impl Chart {
@@ -134,6 +138,8 @@ impl Chart {
             false if most == 0.0 => 0.5,
             false => (0.02 * most).max(1e-9),
         };
+        // Between steps there is nothing, so nothing is named there.
+        let whole = all().all(|p| p.0.fract() == 0.0);
         // A single place stands in the middle.
         let (x0, x1) = if x1 > x0 { (x0, x1) } else { (x0 - 1.0, x0 + 1.0) };
         let (columns, letters) = look.columns(&lines);
@@ -160,7 +166,9 @@ impl Chart {
             // What stands along the axis takes a line.
             builder.y_label_area_size(look.axes.1 + if axis.is_empty() { 0 } else { line });
             builder.caption(&self.title, ("sans-serif", look.title(&self.title)));
-            let drawn = Drawn { lines: &lines, dashes: &dashes, axis: &axis };
+            let step = (x1 - x0) / f64::from(PLACES);
+            let place_of = |v: f64| if whole && v.fract() != 0.0 { String::new() } else { spaced(v, step) };
+            let drawn = Drawn { lines: &lines, dashes: &dashes, axis: &axis, place_of: &place_of };
             if by_ratio {
                 let axis = (y0 * 0.9..y1 * 1.1).log_scale().with_key_points(ticks_by_ratio(y0 * 0.9, y1 * 1.1));
                 self.draw(builder.build_cartesian_2d(x0..x1, axis).map_err(fault)?, &drawn, look, &short)?;
@@ -208,11 +216,11 @@ impl Chart {
             .light_line_style(TRANSPARENT)
             .axis_style(RGBColor(128, 128, 128))
             .x_desc(&self.x)
-            .x_labels(6)
+            .x_labels(PLACES as usize)
             .y_labels(LABELS as usize)
             .x_label_style(label.clone())
             .y_label_style(label.clone().pos(Pos::new(HPos::Right, VPos::Center)))
-            .x_label_formatter(&|v| short(*v))
+            .x_label_formatter(&|v| (drawn.place_of)(*v))
             .y_label_formatter(&|v| label_of(*v))
             .draw()
             .map_err(fault)?;
@@ -447,6 +455,25 @@ mod tests {
             labels.sort_unstable();
             labels.dedup();
             assert!(all >= 3 && labels.len() == all, "{low} to {high}: {labels:?}");
+        }
+    }
+
+    #[test]
+    fn steps_have_labels_of_their_own_and_what_is_between_them_none() {
+        for steps in
+            [&[500.0][..], &[20_000.0], &[1.0, 2.0], &[10_000.0, 10_500.0, 11_000.0], &[1e5, 1.02e5], &[0.0, 4e4]]
+        {
+            let points = steps.iter().map(|&x| (x, 0.001 * x)).collect();
+            let series = vec![Series { name: "a".into(), points }];
+            let svg = Chart { x: "step".into(), series, ..Chart::default() }.to_svg().unwrap();
+            // The labels below: those that are centred, but for the axis' own name.
+            let centred = svg.split("text-anchor=\"middle\"").skip(1).filter_map(|t| t.split('\n').nth(1));
+            let mut labels: Vec<&str> = centred.filter(|t| t.starts_with(|c: char| c.is_ascii_digit())).collect();
+            let all = labels.len();
+            labels.sort_unstable();
+            labels.dedup();
+            assert!(all >= 2 && labels.len() == all, "{steps:?}: {labels:?}");
+            assert!(labels.iter().all(|t| !t.contains('.')), "{steps:?}: {labels:?}");
         }
     }
 
