@@ -186,6 +186,22 @@ pub enum Warning {
 
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // A line, whatever the names are that it quotes.
+        f.write_str(&Sentence(self).to_string().replace(char::is_control, " "))
+    }
+}
+
+/// What a warning says, with names as the file has them.
+struct Sentence<'a>(&'a Warning);
+
+impl fmt::Display for Sentence<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.sentence(f)
+    }
+}
+
+impl Warning {
+    fn sentence(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TrailingBytes(n) => write!(f, "{n} trailing bytes after the length in the header were ignored"),
             Self::NoSkeleton => f.write_str("the file has a mesh but no skin: there is no skeleton and no rig"),
@@ -453,5 +469,7 @@ mod tests {
         let unweighted = |vertices| Warning::Unweighted { vertices }.to_string();
         assert!(unweighted(1).starts_with("1 vertex has no weight; it took"));
         assert!(unweighted(2).starts_with("2 vertices have no weight; they took"));
+        let renamed = Warning::Renamed { joints: 1, first: (7, "a\n\x1b[2Jb".into(), "a__[2Jb".into()) }.to_string();
+        assert_eq!(renamed, "the joint of node 7 had no unique name: `a  [2Jb` became `a__[2Jb`");
     }
 }

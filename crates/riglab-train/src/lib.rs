@@ -41,7 +41,7 @@ pub use error::TrainError;
 pub use estimate::{Estimate, estimate, product_speed};
 pub use interrupt::Interrupt;
 pub use prefetch::{Prefetch, Source};
-pub use progress::{Progress, Spinner, tell};
+pub use progress::{Progress, Spinner, plain, tell};
 pub use run::{Extended, Resumed, Run, RunInfo, below, other_companions, same_companions};
 pub use schedule::{beta1, factor, first_apart};
 pub use sound::unsound;

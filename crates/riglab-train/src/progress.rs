@@ -16,7 +16,13 @@ const TICK: Duration = Duration::from_millis(200);
 
 /// Writes a line on standard error. One that takes no more, such as a full disk, ends nothing: `eprintln!` would panic.
 pub fn tell(text: Arguments<'_>) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", plain(text));
+}
+
+/// A text whose letters are all shown: names from files may hold sequences that a terminal would obey.
+pub fn plain(text: Arguments<'_>) -> String {
+    let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
+    text.to_string().chars().map(shown).collect()
 }
 
 /// Progress of one job.
@@ -221,6 +227,11 @@ impl Drop for Progress {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn no_name_in_a_line_moves_the_cursor() {
+        assert_eq!(plain(format_args!("a\x1b[2Jb\r\tc\nd")), "a\u{fffd}[2Jb\u{fffd}\tc\nd");
+    }
 
     #[test]
     fn what_takes_long_is_told_now_and_then_and_ends_at_once() {
