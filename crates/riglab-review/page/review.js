@@ -59,6 +59,8 @@ async function decide(asset, change, undoing) {
     if (fault.newer || shown) {
       asset.decision = asset.saved;
       if (!undoing) model.forget(asset, before);
+      // It can be tried again.
+      else if (!fault.newer) model.remember(asset, change);
     }
     $("status").textContent = "not saved";
     if (fault.newer && change.comment) lost.set(asset, change.comment);
