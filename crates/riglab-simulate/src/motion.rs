@@ -43,7 +43,7 @@ pub struct Motion {
     pub seed: u64,
 }
 
-/// The motion for a rig, in sizes of that rig. It begins and ends at rest; in the last third the body stands.
+/// The motion for a rig, in sizes of that rig. It begins and ends at rest; in the last three tenths the body stands.
 ///
 /// At least one frame; a million at most.
 pub fn generate(rig: &Rig, motion: &Motion) -> Clip {

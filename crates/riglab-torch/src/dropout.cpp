@@ -36,7 +36,8 @@ int rl_dropout_mask(const at::Tensor* x, double p, at::Tensor** out) {
       key = generator->random64();
     }
     auto mask = at::empty(x->sizes(), x->options().requires_grad(false));
-    const auto dropped = static_cast<uint32_t>(std::lround(p * 65536));
+    // Something is kept of any probability below 1.
+    const auto dropped = std::min(static_cast<uint32_t>(std::lround(p * 65536)), 65535u);
     const int64_t n = mask.numel();
     AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, mask.scalar_type(), "dropout", [&] {
       auto* data = mask.data_ptr<scalar_t>();

@@ -60,6 +60,8 @@ mod tests {
             }
         }
         assert_eq!(ones(Kind::Float, 0.0)[0], vec![1.0; 701 * 301]);
+        // Something is left of any.
+        assert!(ones(Kind::Double, 0.999_995)[0].iter().any(|x| *x > 0.0));
         assert!(dropout(&Tensor::ones([2], (Kind::Float, Device::Cpu)), 1.0).is_err());
     }
 }

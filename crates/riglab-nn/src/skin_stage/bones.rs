@@ -34,7 +34,7 @@ impl BoneEncoder {
         let (b, j, c) = bones.size3().expect("three axes");
         let mut points = bones.view([b, j, c / 3, 3]);
         if self.from_corner {
-            points -= cloud.narrow(2, 0, 3).amin([1], true).unsqueeze(1);
+            points = points - cloud.narrow(2, 0, 3).amin([1], true).unsqueeze(1);
         }
         let x = self.embedding.forward(&points).flatten(2, 3).to_kind(w.kind());
         self.layers.iter().fold(x, |x, layer| layer.forward(w, &x))
