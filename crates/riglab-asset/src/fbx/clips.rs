@@ -8,9 +8,10 @@ use std::ops::RangeInclusive;
 
 use glam::DAffine3;
 use riglab_core::{Clip, JointMap};
-use ufbx::{AnimProp, AnimStack, ElementType, EvaluateOpts, InheritMode, Scene};
+use ufbx::{AnimProp, AnimRoot, AnimStack, ElementType, EvaluateOpts, InheritMode, Scene};
 
 use super::allocator;
+use super::held::held;
 use super::joints::Joints;
 use super::scene::{Nodes, affine};
 use super::shown;
@@ -104,7 +105,7 @@ fn clip(
     let whole = ((time.end() - time.start()) * f64::from(resample.rate) + 1e-3).floor();
     let frames = (whole as usize).saturating_add(1).min(resample.frames.max(1));
     let to_joints = joints.to_joints().ok_or("a joint is flat at rest")?;
-    let poser = Poser::new(scene, stack, nodes, joints);
+    let poser = Poser::new(scene, stack, (nodes, joints), memory)?;
     for (room, each) in room.iter_mut().zip([to_joints.len(), poser.cost()]) {
         let left = room.checked_sub(frames.saturating_mul(each));
         *room = left.ok_or("the clips of the file are longer than is read")?;
@@ -127,7 +128,7 @@ fn clip(
 /// What poses nodes.
 struct Poser<'a> {
     scene: &'a Scene,
-    stack: &'a AnimStack,
+    anim: AnimRoot,
     nodes: &'a Nodes<'a>,
     /// Nodes at and above joints, parents first, with whether the stack says something of them; `None` where one of them
     /// inherits scales otherwise than by its parent's place, which ufbx does for whole scenes alone.
@@ -135,7 +136,12 @@ struct Poser<'a> {
 }
 
 impl<'a> Poser<'a> {
-    fn new(scene: &'a Scene, stack: &'a AnimStack, nodes: &'a Nodes<'a>, joints: &Joints) -> Self {
+    fn new(
+        scene: &'a Scene,
+        stack: &AnimStack,
+        (nodes, joints): (&'a Nodes<'a>, &Joints),
+        memory: usize,
+    ) -> Result<Self, String> {
         let mut told = vec![false; nodes.all.len()];
         for prop in (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props) {
             if prop.element.type_ == ElementType::Node
@@ -148,7 +154,7 @@ impl<'a> Poser<'a> {
         let of_chain = || nodes.order.iter().copied().filter(|&node| moving[node] && nodes.parent(node).is_some());
         let plain = of_chain().all(|node| nodes.all[node].inherit_mode == InheritMode::Normal);
         let chain = plain.then(|| of_chain().map(|node| (node, told[node])).collect());
-        Self { scene, stack, nodes, chain }
+        Ok(Self { scene, anim: held(scene, stack, memory)?, nodes, chain })
     }
 
     /// How many elements it looks at for a frame.
@@ -164,7 +170,7 @@ impl<'a> Poser<'a> {
                 result_allocator: allocator(memory),
                 ..EvaluateOpts::default()
             };
-            let posed = ufbx::evaluate_scene(self.scene, &self.stack.anim, at, options);
+            let posed = ufbx::evaluate_scene(self.scene, &self.anim, at, options);
             let posed = posed.map_err(|e| e.description.to_string())?;
             worlds.iter_mut().zip(&posed.nodes).for_each(|(world, node)| *world = affine(&node.node_to_world));
             return Ok(());
@@ -172,7 +178,7 @@ impl<'a> Poser<'a> {
         for &(number, told) in chain {
             let node = self.nodes.all[number];
             let local = match told {
-                true => affine(&ufbx::transform_to_matrix(&ufbx::evaluate_transform(&self.stack.anim, node, at))),
+                true => affine(&ufbx::transform_to_matrix(&ufbx::evaluate_transform(&self.anim, node, at))),
                 false => affine(&node.node_to_parent),
             };
             let above = self.nodes.parent(number).map_or(DAffine3::IDENTITY, |parent| worlds[parent]);

@@ -18,6 +18,7 @@ mod clips;
 mod document;
 mod file;
 mod groups;
+mod held;
 mod hidden;
 mod joints;
 mod looks;
