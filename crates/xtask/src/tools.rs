@@ -63,9 +63,14 @@ pub fn ensure(found: &Found, source: &Source) -> Result<()> {
 fn script_text(cmake: &Path, ninja: Option<&Path>) -> String {
     let mut text = String::from("#!/bin/sh\n# Written by `cargo xtask setup`.\n");
     if let Some(dir) = ninja.and_then(Path::parent) {
-        text += &format!("export CMAKE_GENERATOR=Ninja PATH='{}':\"$PATH\"\n", dir.display());
+        text += &format!("export CMAKE_GENERATOR=Ninja PATH={}:\"$PATH\"\n", quoted(dir));
     }
-    text + &format!("exec '{}' \"$@\"\n", cmake.display())
+    text + &format!("exec {} \"$@\"\n", quoted(cmake))
+}
+
+/// A path as a shell reads it, whatever is in it.
+fn quoted(path: &Path) -> String {
+    format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
 /// The cmake on the user's path, if new enough.
@@ -98,4 +103,21 @@ fn fetched(name: &str, wheel: &Wheel, source: &Source, prefix: &str, program: &s
         }
     }
     Ok(home.join(program))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_script_runs_a_program_whatever_its_folder_is_called() {
+        let dir = tempfile::tempdir().unwrap();
+        let odd = dir.path().join("o'neil $HOME");
+        fs::create_dir(&odd).unwrap();
+        let program = odd.join("cmake");
+        fs::write(&program, "#!/bin/sh\necho \"ran $1\"\n").unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let text = script_text(&program, Some(&odd.join("ninja")));
+        assert_eq!(shell::output("sh", &["-c", &text, "sh", "it"]).as_deref(), Some("ran it"));
+    }
 }
