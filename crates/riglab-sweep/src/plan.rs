@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use crate::file::{alike, unsaid};
+use crate::file::{CHOICE, alike, unsaid};
 use crate::values::fault;
 use crate::{SweepError, SweepFile};
 
@@ -135,8 +135,11 @@ impl Plan {
 
     /// The points in order, without seeds.
     fn points(&self) -> Vec<Point> {
-        let all = |set: &std::collections::BTreeMap<String, Value>| {
-            set.iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<String>>()
+        let all = |set: &BTreeMap<String, Value>| {
+            let mut all: Vec<(&String, &Value)> = set.iter().collect();
+            // A table is chosen before what is set in it, which would be lost otherwise.
+            all.sort_by_key(|(key, _)| key.strip_suffix(CHOICE).and_then(|t| t.strip_suffix('.')).unwrap_or(key));
+            all.into_iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<String>>()
         };
         let common = all(&self.sweep.set);
         let mut points: Vec<Point> = Vec::new();
@@ -392,6 +395,10 @@ pub(crate) mod tests {
                       [sweep.product]\nmodel = [{ extends = [], width = 1 }]\n";
         let said = choose(hidden).unwrap_err().to_string();
         assert!(said.starts_with("`sweep.arms` sets `model.depth`, and `sweep.product` sets it again"), "{said}");
+        // Not what is set in it beside it, whatever the alphabet says.
+        let beside =
+            "[sweep]\nbase = 'b'\nseeds = [1]\nset = { 'model.depth' = 3, 'model.extends' = 'm.toml', lr = 1 }\n";
+        assert_eq!(choose(beside).unwrap().jobs[0].sets[..3], ["lr=1", "model.extends=\"m.toml\"", "model.depth=3"]);
     }
 
     #[test]
