@@ -1,10 +1,10 @@
 //! The settings that a run's folder or a model's file holds.
 
 use std::fmt::Display;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use riglab_config::{Config, Loader};
-use riglab_train::{Precision, TrainConfig};
+use riglab_train::{Precision, RunInfo, TrainConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -92,6 +92,22 @@ pub(crate) fn weights(all: &[(&str, f64)]) -> Result<(), (String, String)> {
     }
 }
 
+/// Settings that name models which a run builds on.
+const MODELS: [&str; 2] = ["skin.run", "start.model"];
+
+/// Where the models are that a run names by paths which lead nowhere from here, though they do from the folder where it was
+/// begun: as `--set` takes them.
+fn places(run: &Path, config: &Config) -> Vec<String> {
+    let Some(begun) = RunInfo::of(run).map(|info| PathBuf::from(info.folder)) else { return Vec::new() };
+    let place = |key: &&str| {
+        let path = config.get_at::<PathBuf>(key).ok().filter(|p| p.is_relative() && !p.as_os_str().is_empty())?;
+        let whole = begun.join(&path);
+        let moved = !path.exists() && !run.join(&path).exists() && begun.is_absolute() && whole.exists();
+        moved.then(|| format!("{key}={:?}", whole.display().to_string()))
+    };
+    MODELS.iter().filter_map(place).collect()
+}
+
 /// Settings as they are written, and where.
 pub struct Settings {
     name: String,
@@ -107,7 +123,8 @@ impl Settings {
         Self::of_run_with(run, &[])
     }
 
-    /// As [`Self::of_run`], with values changed as `--set` does.
+    /// As [`Self::of_run`], with values changed as `--set` does. Models that a run names from the folder where it was begun are
+    /// found from any other.
     ///
     /// # Errors
     /// As [`Self::of_run`].
@@ -122,7 +139,12 @@ impl Settings {
             true => format!("{shown}: no run here (config.toml: {e})"),
             false => format!("{shown}: there is no such file or folder"),
         })?;
-        let config = Loader::new().parse(&name, &text, sets).map_err(|e| e.to_string())?;
+        let read = |sets: &[String]| Loader::new().parse(&name, &text, sets).map_err(|e| e.to_string());
+        let mut config = read(sets)?;
+        let places = places(run, &config);
+        if !places.is_empty() {
+            config = read(&[sets, &places].concat())?;
+        }
         Ok(Self { name: name.into(), config })
     }
 
@@ -166,6 +188,26 @@ mod tests {
     use super::*;
     use crate::fsq_cvae::FsqCvaeTaskConfig;
     use crate::tokenrig::TokenRigTaskConfig;
+
+    #[test]
+    fn what_a_run_builds_on_is_found_from_any_folder() {
+        let dir = tempfile::tempdir().unwrap();
+        let (run, begun) = (dir.path().join("run"), dir.path().join("begun"));
+        std::fs::create_dir_all(&run).unwrap();
+        std::fs::create_dir_all(begun.join("runs/ae")).unwrap();
+        std::fs::write(run.join("config.toml"), "[skin]\nrun = 'runs/ae'\n[start]\nmodel = 'runs/gone'\n").unwrap();
+        let info = RunInfo { folder: begun.display().to_string(), ..RunInfo::default() };
+        std::fs::write(run.join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
+        let of = |sets: &[String]| {
+            let settings = Settings::of_run_with(&run, sets).unwrap();
+            ["skin.run", "start.model"].map(|key| settings.config.get_at::<PathBuf>(key).unwrap())
+        };
+        assert_eq!(of(&[]), [begun.join("runs/ae"), "runs/gone".into()]);
+        assert_eq!(of(&["skin.run='runs/other'".into()])[0], Path::new("runs/other"));
+        // What is here, or in the run's own folder, is what is meant.
+        std::fs::create_dir_all(run.join("runs/ae")).unwrap();
+        assert_eq!(of(&[])[0], Path::new("runs/ae"));
+    }
 
     #[test]
     fn what_is_named_twice_is_told() {
