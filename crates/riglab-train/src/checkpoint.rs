@@ -67,6 +67,10 @@ pub fn without_best(run: &Path) -> bool {
 /// Why no checkpoint is where one was looked for: of a `best` beside a `last`, what to take instead.
 fn missing(path: &Path, e: &std::io::Error) -> String {
     if let Some(run) = without_any(path) {
+        if crate::run::is_held(run) {
+            return "the run has no checkpoint yet: a process is training in its folder and has not written its first"
+                .into();
+        }
         return format!(
             "the run has no checkpoint yet, as it was stopped before it wrote its first; `riglab train --resume {}` goes on \
              with it",

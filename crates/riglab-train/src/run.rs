@@ -331,6 +331,12 @@ impl RunInfo {
     }
 }
 
+/// Whether a process trains in a run's folder.
+pub(crate) fn is_held(run: &Path) -> bool {
+    let lock = File::open(run.join(".lock"));
+    lock.is_ok_and(|lock| matches!(taken(|| lock.try_lock_shared()), Ok(false)))
+}
+
 /// Whether a lock is had at last: whoever looks whether it is held holds it for a moment.
 fn taken(mut attempt: impl FnMut() -> Result<(), TryLockError>) -> io::Result<bool> {
     for look in 0..LOOKS {
@@ -481,8 +487,9 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let held = Run::create(dir.path(), "").unwrap();
         let said = Run::open(dir.path()).err().unwrap().to_string();
-        assert!(said.contains("another process is training"), "{said}");
+        assert!(said.contains("another process is training") && is_held(dir.path()), "{said}");
         drop(held);
+        assert!(!is_held(dir.path()));
         assert!(Run::open(dir.path()).is_ok());
         // One who only looks lets go of it.
         let mut looks = 0;
