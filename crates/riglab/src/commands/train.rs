@@ -134,7 +134,15 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
             let text = ranks.told(text)?;
             let config = settled(&text, &run.path("config.toml"))?;
             if ranks.leads() {
-                reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
+                if config.data().corpora.is_empty() {
+                    bail!(
+                        "{}: a model that was exported, of which no training goes on: it has no corpora and no state of an \
+                         optimizer; a new training begins with its weights by --set train.start.from={}",
+                        dir.display(),
+                        shown(dir)
+                    );
+                }
+                reached(dir, config.data(), |_| again(dir, &args.sets))?;
             }
             (config, Place::There(run))
         }
@@ -525,7 +533,8 @@ impl Visitor for Session<'_> {
 pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<String>) -> Result<()> {
     let Some(gone) = data.corpora.iter().find(|path| path.is_relative() && !path.exists()) else { return Ok(()) };
     let here = std::env::current_dir().context("there is no working folder")?;
-    let begun = RunInfo::of(run).map(|info| PathBuf::from(info.folder)).filter(|folder| folder.join(gone).is_file());
+    let folder = RunInfo::of(run).map(|info| PathBuf::from(info.folder));
+    let begun = folder.clone().filter(|folder| folder.join(gone).is_file());
     let places: Vec<PathBuf> = data.corpora.iter().map(|path| begun.as_deref().unwrap_or(&here).join(path)).collect();
     let arguments = again(&places);
     let command = command(arguments.iter().map(String::as_str));
@@ -533,6 +542,11 @@ pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<
     let hint = match begun {
         Some(_) if names_them => command,
         Some(folder) => format!("cd {} && {command}", quoted(&shown(&folder))),
+        // Here it was begun, and it is not below this folder any more.
+        None if folder.is_some_and(|folder| folder == here) => match names_them {
+            true => "put it back, or say where it is now: --set data.corpora=...".into(),
+            false => "put it back where it was".into(),
+        },
         None if names_them => {
             "start it in the folder where the run was begun, or say where they are: --set data.corpora=...".into()
         }
@@ -544,6 +558,12 @@ pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<
         gone.display(),
         here.display()
     )
+}
+
+/// The arguments that go on with a run from any folder, as it is asked for.
+pub fn again(run: &Path, sets: &[String]) -> Vec<String> {
+    let sets = sets.iter().flat_map(|set| ["--set".into(), set.clone()]);
+    ["train".into(), "--resume".into(), whole(run)].into_iter().chain(sets).collect()
 }
 
 /// A path from the root.
