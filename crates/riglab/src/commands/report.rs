@@ -233,7 +233,7 @@ fn rewritten(config: &str) -> Option<String> {
 /// Several runs side by side.
 fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
     let runs: Vec<(String, PathBuf)> = runs.iter().map(|r| named(r)).collect();
-    let mut compared = Vec::new();
+    let (mut compared, mut old) = (Vec::new(), Vec::new());
     for (name, dir) in names(runs)? {
         let view = RunView::read(&dir)?;
         let view = match rewritten(view.config()) {
@@ -244,12 +244,17 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
             let first = evaluating(&dir);
             bail!("{}: not evaluated yet, there is nothing to compare; run `{first}` first", dir.display());
         };
+        if let Some(note) = outdated(&evaluated, &dir) {
+            tell!("note: {name}: {note}");
+            old.push(Block::Text(format!("{name}: {note}")));
+        }
         // Older evaluations do not say what they saw: it was what the run was trained on.
         let corpora = if evaluated.corpora.is_empty() { view.corpora() } else { evaluated.corpora };
         let (step, sets, warning) = (evaluated.step, evaluated.sets, evaluated.warning);
         compared.push(Compared { name, view, corpora, step, sets, warning, findings: evaluated.findings });
     }
-    let mut blocks = versus(&compared)?;
+    let mut blocks = old;
+    blocks.extend(versus(&compared)?);
     blocks.push(Block::Heading("To repeat it".into()));
     for run in &compared {
         blocks.push(Block::Text(format!("{}:", run.name)));
