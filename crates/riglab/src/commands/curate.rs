@@ -10,6 +10,8 @@ use riglab_curate::decisions::Decisions;
 use riglab_curate::{
     CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, listed, merge_shards,
 };
+use riglab_report::shell::quoted;
+use riglab_review::Review;
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
@@ -105,6 +107,12 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         // Before hours of looking at files, not after them.
         Decisions::read(path)?;
         config.decisions = path.display().to_string();
+    }
+    // Where `riglab review` keeps them.
+    let beside = Review::decisions_of(&args.out);
+    if config.decisions.is_empty() && beside.is_file() {
+        let path = shown(&beside);
+        tell!("note: {path} holds decisions, which are not applied: --decisions {} applies them", quoted(&path));
     }
     let places = Places::of(&args.out);
     if args.on == Some(On::Slurm) {
