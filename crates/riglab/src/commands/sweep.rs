@@ -242,7 +242,11 @@ fn there(plan: Plan, folder: &Path) -> Result<Plan> {
             tell!("note: the file lists other jobs than {} has; shown is what the folder has", folder.display());
             Ok(there)
         }
-        _ => Ok(plan),
+        Some(_) => Ok(plan),
+        None => {
+            tell!("note: nothing was begun in {} yet", folder.display());
+            Ok(plan)
+        }
     }
 }
 
