@@ -76,22 +76,24 @@ fn a_joint_keeps_its_place_where_only_the_next_one_moves() {
         json!({"name": name, "channels": channels,
                "samplers": [{"input": 5, "output": 6}, {"input": 5, "output": 7}]})
     };
-    let to = |sampler: usize, node: usize, path: &str| json!({"sampler": sampler, "target": {"node": node, "path": path}});
+    let to =
+        |sampler: usize, node: usize, path: &str| json!({"sampler": sampler, "target": {"node": node, "path": path}});
     let tiny = Tiny::new()
         .with_accessor(5126, "SCALAR", 2, &floats(&[0.0, 1.0]))
         .with_accessor(5126, "VEC4", 2, &floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.6, 0.8]))
         .with_accessor(5126, "VEC3", 2, &floats(&[0.0, 1.0, 0.0, 0.0, 2.5, 0.0]))
         .with(
             "/animations",
-            json!([moved("a", json!([to(0, 1, "rotation"), to(1, 2, "translation")])),
-                   moved("b", json!([to(1, 1, "translation")]))]),
+            json!([
+                moved("a", json!([to(0, 1, "rotation"), to(1, 2, "translation")])),
+                moved("b", json!([to(1, 1, "translation")]))
+            ]),
         );
     let (was, is) = (read("a.glb", &tiny.glb()), read("a.fbx", &written(&tiny).bytes));
     assert_eq!((was.clips.len(), is.clips.len()), (2, 2));
     for (old, new) in was.clips.iter().zip(&is.clips) {
-        let at = |of: &Imported, clip: &riglab_core::Clip| {
-            skin(of.rig().unwrap(), &clip.frame(clip.frames() - 1)).unwrap()
-        };
+        let at =
+            |of: &Imported, clip: &riglab_core::Clip| skin(of.rig().unwrap(), &clip.frame(clip.frames() - 1)).unwrap();
         for (a, b) in at(&was, old).as_flattened().iter().zip(at(&is, new).as_flattened()) {
             assert!((a - b).abs() < 5e-3, "{}: {a} and {b}", old.name());
         }
