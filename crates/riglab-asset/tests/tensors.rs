@@ -197,6 +197,23 @@ fn a_table_is_found_by_its_tensors_and_what_is_not_read_in_it_is_named() {
 }
 
 #[test]
+fn a_dictionary_that_holds_itself_often_is_looked_at_once() {
+    let text = |s: &str| [b"X", &(s.len() as u32).to_le_bytes()[..], s.as_bytes()].concat();
+    // {"a": itself, "a": itself, ...}
+    let own = [&b"}q\0("[..], &text("a"), b"q\x01h\0", &b"h\x01h\0".repeat(9_999), b"u"].concat();
+    let alone = checkpoint(&[b"\x80\x02", &own[..], b"."].concat());
+    assert!(survives("alone", &alone)[0].contains("no table of named tensors"));
+    // Beside a table, as the settings.
+    let w = &tensor(b"K\0K\x02\x85K\x01\x85");
+    let (_, w) = members(w).into_iter().find(|(name, _)| name.ends_with("data.pkl")).unwrap();
+    let pairs = &w[3..w.len() - 2];
+    let pickle = [&b"\x80\x02}("[..], pairs, &text("hyper_parameters"), &own, b"u."].concat();
+    let both = checkpoint(&pickle);
+    assert_eq!(open(&both).unwrap().shapes().count(), 1);
+    assert!(survives("settings", &both).is_empty());
+}
+
+#[test]
 fn files_that_are_no_checkpoints_say_what_to_do() {
     let refusal = |bytes: &[u8]| read_all(bytes).remove(0);
     assert!(refusal(b"").contains("torch before 1.6"));

@@ -1,7 +1,7 @@
 //! Named tensors as torch and Lightning save them.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 use super::archive::Input;
@@ -16,7 +16,7 @@ use crate::ImportError;
 const TABLES: [&str; 4] = ["state_dict", "model_state_dict", "model", "module"];
 /// What Lightning keeps of a module's settings.
 const SETTINGS: &str = "hyper_parameters";
-/// Values looked through for a setting, at most.
+/// Dictionaries looked through for a table or a setting, and numbers of a setting, at most.
 const LOOKED: usize = 10_000;
 
 /// The tensors of a checkpoint: a zip archive as `torch.save` writes it since torch 1.6, of a table of names and
@@ -139,20 +139,11 @@ impl<'a> TensorFile<'a> {
     /// A setting of the module by its key, wherever in Lightning's settings it stands: a whole number or a list of
     /// them.
     pub fn setting(&self, key: &str) -> Option<Vec<i64>> {
-        let mut open: Vec<View<'_>> = View { nodes: &self.nodes, id: self.root }.get(SETTINGS).into_iter().collect();
-        let mut at = 0;
-        while at < open.len().min(LOOKED) {
-            let view = open[at];
-            if let Some(found) = view.get(key) {
-                let list = found.members().map(|all| all.take(LOOKED).map(View::int).collect());
-                if let Some(numbers) = list.unwrap_or_else(|| found.int().map(|n| vec![n])) {
-                    return Some(numbers);
-                }
-            }
-            open.extend(view.entries().map(|(_, value)| value).filter(|v| v.is_dict()).take(LOOKED));
-            at += 1;
-        }
-        None
+        let settings = View { nodes: &self.nodes, id: self.root }.get(SETTINGS)?;
+        dictionaries(settings).into_iter().filter_map(|view| view.get(key)).find_map(|found| {
+            let list = found.members().map(|all| all.take(LOOKED).map(View::int).collect());
+            list.unwrap_or_else(|| found.int().map(|n| vec![n]))
+        })
     }
 
     /// A tensor; `None` where there is none of the name.
@@ -206,17 +197,24 @@ fn unread(view: View<'_>) -> Vec<String> {
     view.entries().filter(|(_, value)| matches!(value.node(), Node::Foreign)).map(|(name, _)| name.to_owned()).collect()
 }
 
-/// The dictionary with most tensors of those that stand in one another; optimizers keep few in each.
-fn fullest(root: View<'_>) -> Option<View<'_>> {
-    let (mut all, mut at) = (vec![root], 0);
-    while at < all.len().min(LOOKED) {
+/// A dictionary and those that stand in it and in one another, the nearest first, [`LOOKED`] at most. Each is there once: files
+/// may put one into itself as often as they like.
+fn dictionaries(root: View<'_>) -> Vec<View<'_>> {
+    let (mut all, mut known, mut at) = (vec![root], HashSet::from([root.id]), 0);
+    while at < all.len() && all.len() < LOOKED {
         let within = all[at].entries().map(|(_, value)| value).filter(|value| value.is_dict());
-        all.extend(within.take(LOOKED).collect::<Vec<_>>());
+        let room = LOOKED - all.len();
+        all.extend(within.filter(|value| known.insert(value.id)).take(room));
         at += 1;
     }
+    all
+}
+
+/// The dictionary with most tensors of those that stand in one another; optimizers keep few in each.
+fn fullest(root: View<'_>) -> Option<View<'_>> {
     let tensors = |view: &View<'_>| view.entries().filter(|(_, v)| matches!(v.node(), Node::Tensor(_))).count();
     // The first of those that hold as many.
-    all.into_iter().take(LOOKED).rev().max_by_key(tensors).filter(|view| tensors(view) > 0)
+    dictionaries(root).into_iter().rev().max_by_key(tensors).filter(|view| tensors(view) > 0)
 }
 
 /// Whether elements stand one after another, last axis fastest.
