@@ -3,6 +3,8 @@
 
 mod fault;
 
+use std::borrow::Cow;
+
 use crate::marked::unmarked;
 
 pub(crate) use fault::explain;
@@ -22,8 +24,10 @@ pub(crate) enum Asked {
 /// texture coordinates two numbers, of vertices three and what else is asked for.
 pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
     let text = String::from_utf8_lossy(unmarked(bytes));
-    // A line goes on in the next one after a backslash.
-    let text = if text.contains('\\') { joined(&text).into() } else { text };
+    let text = match text.contains('\\') {
+        true => joined(&text).flat_map(|(_, line)| [line, "\n".into()]).collect::<String>().into(),
+        false => text,
+    };
     let coloured = asked != Asked::Surface
         && text.lines().all(|line| line.split_whitespace().next() != Some("v") || numbers(line) >= 6);
     let mut out = String::with_capacity(text.len());
@@ -78,22 +82,27 @@ fn numbers(line: &str) -> usize {
     line.split_whitespace().skip(1).take_while(|word| !word.starts_with('#')).count()
 }
 
-/// Text whose lines no longer go on in others.
-fn joined(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for line in text.lines() {
-        match line.trim_end().strip_suffix('\\').filter(|_| !line.trim_start().starts_with('#')) {
-            Some(begun) => {
-                out.push_str(begun);
-                out.push(' ');
-            }
-            None => {
-                out.push_str(line);
-                out.push('\n');
+/// Lines with the numbers that they start at; those that go on in the next one after a backslash as one, whose last need not
+/// be there. Comments do not go on.
+pub(crate) fn joined(text: &str) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    fn begun(line: &str) -> Option<&str> {
+        line.trim_end().strip_suffix('\\').filter(|_| !line.trim_start().starts_with('#'))
+    }
+    let mut lines = (1..).zip(text.lines());
+    std::iter::from_fn(move || {
+        let (number, line) = lines.next()?;
+        let Some(first) = begun(line) else { return Some((number, Cow::Borrowed(line))) };
+        let mut whole = first.to_owned();
+        for (_, line) in lines.by_ref() {
+            let part = begun(line);
+            whole.push(' ');
+            whole.push_str(part.unwrap_or(line));
+            if part.is_none() {
+                break;
             }
         }
-    }
-    out
+        Some((number, Cow::Owned(whole)))
+    })
 }
 
 /// The lines of a material library that tobj is given. A colour of one number is a grey, as the format has it; what gives

@@ -1,15 +1,15 @@
 //! Where an OBJ is wrong. tobj, which refuses it, tells neither line nor word.
 
+use super::joined;
 use crate::Fault;
 use crate::marked::unmarked;
 
 /// What is wrong with the first line of places and faces that is no sound one; `otherwise` where all are.
 pub(crate) fn explain(bytes: &[u8], otherwise: &str) -> Fault {
     let text = String::from_utf8_lossy(unmarked(bytes));
-    let lines = numbered(&text);
-    let all = lines.iter().filter(|(_, line)| line.split_whitespace().next() == Some("v")).count();
+    let all = joined(&text).filter(|(_, line)| line.split_whitespace().next() == Some("v")).count();
     let mut before = 0;
-    for (number, line) in &lines {
+    for (number, line) in joined(&text) {
         let mut words = line.split_whitespace();
         let wrong = match words.next() {
             Some("v") => {
@@ -24,22 +24,6 @@ pub(crate) fn explain(bytes: &[u8], otherwise: &str) -> Fault {
         }
     }
     Fault::Obj(otherwise.into())
-}
-
-/// Lines with the numbers that they start at, those in one that go on after a backslash.
-fn numbered(text: &str) -> Vec<(usize, String)> {
-    let mut lines: Vec<(usize, String)> = Vec::new();
-    let mut goes_on = false;
-    for (number, line) in (1..).zip(text.lines()) {
-        let begun = line.trim_end().strip_suffix('\\').filter(|_| !line.trim_start().starts_with('#'));
-        let part = begun.unwrap_or(line);
-        match lines.last_mut().filter(|_| goes_on) {
-            Some((_, before)) => *before = format!("{before} {part}"),
-            None => lines.push((number, part.to_owned())),
-        }
-        goes_on = begun.is_some();
-    }
-    lines
 }
 
 /// What is wrong with the words of a place.

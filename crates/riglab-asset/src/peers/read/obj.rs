@@ -3,24 +3,20 @@
 use riglab_core::Vec3;
 
 use super::super::fault::{PeerFault, shown};
+use crate::marked::unmarked;
+use crate::wavefront::joined;
 
 /// Vertices and triangles; polygons are cut into fans from their first corner. Everything but `v`
-/// and `f` lines is passed over, and so are comments behind them; a line goes on in the next one after a backslash.
-pub(super) fn read(text: &str) -> Result<(Vec<Vec3>, Vec<[u32; 3]>), PeerFault> {
+/// and `f` lines is passed over, and so are comments behind them; a line goes on in the next one after a backslash. Names may
+/// be in any encoding.
+pub(super) fn read(bytes: &[u8]) -> Result<(Vec<Vec3>, Vec<[u32; 3]>), PeerFault> {
+    let text = String::from_utf8_lossy(unmarked(bytes));
     let mut vertices: Vec<Vec3> = Vec::new();
     let mut faces: Vec<[u32; 3]> = Vec::new();
     // A face may name vertices that come later: those are checked at the end.
     let mut highest = (0, 0);
-    let mut begun = String::new();
-    for (line, content) in (1..).zip(text.lines()) {
+    for (line, content) in joined(&text) {
         let fault = |reason: String| PeerFault::Line { line, reason };
-        let is_comment = begun.is_empty() && content.trim_start().starts_with('#');
-        if let Some(part) = content.trim_end().strip_suffix('\\').filter(|_| !is_comment) {
-            begun.push_str(part);
-            begun.push(' ');
-            continue;
-        }
-        let content = std::mem::take(&mut begun) + content;
         let mut words = content.split_whitespace().take_while(|word| !word.starts_with('#'));
         match words.next() {
             Some("v") => {
@@ -83,7 +79,7 @@ mod tests {
     #[test]
     fn vertices_keep_their_order_and_corners_may_have_any_form() {
         let text = "# x\r\nv 9 9 9 1.0\nv 0 0 0 .5 .5 .5\nv 1 0 0\nv 1 1 0\nf 4/1/1 2//3 3/7\nf -3 -2 -1 1\nl 1 2\n";
-        let (vertices, faces) = read(text).unwrap();
+        let (vertices, faces) = read(text.as_bytes()).unwrap();
         assert_eq!(vertices[0], [9.0; 3]);
         assert_eq!(faces, [[3, 1, 2], [1, 2, 3], [1, 3, 0]]);
     }
@@ -91,9 +87,15 @@ mod tests {
     #[test]
     fn comments_and_lines_that_go_on_are_read_as_elsewhere() {
         let text = "v 0 0 0 # a\n# \\\nv 1 \\\n 0 0\nv 1 1 0\nf 1 2 \\\n3 # left foot\n";
-        assert_eq!(read(&format!("{text}f 1 2")).unwrap_err().to_string(), "line 8: a face has 2 corners");
-        let (vertices, faces) = read(text).unwrap();
+        assert_eq!(read(format!("{text}f 1 2").as_bytes()).unwrap_err().to_string(), "line 8: a face has 2 corners");
+        let (vertices, faces) = read(text.as_bytes()).unwrap();
         assert_eq!((vertices.len(), vertices[1], faces), (3, [1.0, 0.0, 0.0], vec![[0, 1, 2]]));
+    }
+
+    #[test]
+    fn a_last_line_that_would_go_on_counts_and_names_may_be_in_any_encoding() {
+        let (vertices, faces) = read(b"o caf\xe9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 \\\n3 \\").unwrap();
+        assert_eq!((vertices.len(), faces), (3, vec![[0, 1, 2]]));
     }
 
     #[test]
@@ -108,7 +110,7 @@ mod tests {
             ("v 0 0 0\nf -2 1 1\n", "line 2: `-2` is no corner of a face"),
         ];
         for (text, wanted) in cases {
-            assert_eq!(read(text).unwrap_err().to_string(), wanted);
+            assert_eq!(read(text.as_bytes()).unwrap_err().to_string(), wanted);
         }
     }
 }

@@ -125,7 +125,7 @@ fn mesh_of(path: &Path, folder: &Path) -> Option<PathBuf> {
 fn fits(text: &Path, mesh: &Path) -> bool {
     let fit = || -> Result<bool, Fault> {
         let weights = rig_text::read(utf8(&read_file(text)?)?, None)?.weights;
-        let vertices = || obj::read(utf8(&read_file(mesh)?)?).map_err(|e| Fault::Obj(e.to_string()));
+        let vertices = || obj::read(&read_file(mesh)?).map_err(|e| Fault::Obj(e.to_string()));
         Ok(weights.is_none_or(|weights| vertices().is_ok_and(|(vertices, _)| vertices.len() == weights.rows())))
     };
     fit().unwrap_or(false)
@@ -216,7 +216,7 @@ fn bases(path: &Path) -> Vec<String> {
 }
 
 fn joined(text: &str, mesh: &[u8]) -> Result<ArrayRig, Fault> {
-    let (vertices, faces) = obj::read(utf8(mesh)?).map_err(|e| Fault::Obj(e.to_string()))?;
+    let (vertices, faces) = obj::read(mesh).map_err(|e| Fault::Obj(e.to_string()))?;
     let mut rig = rig_text::read(text, Some(vertices.len()))?;
     (rig.vertices, rig.faces) = (vertices, faces);
     Ok(rig)
