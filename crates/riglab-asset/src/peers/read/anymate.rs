@@ -222,9 +222,12 @@ pub(crate) fn bone_parents(
 ) -> Vec<Option<usize>> {
     use std::collections::HashMap;
     let key = |p: &Vec3| p.map(|x| (x + 0.0).to_bits());
+    // Of several the first that comes from elsewhere: one without length ends where it starts.
     let mut ending: HashMap<[u32; 3], usize> = HashMap::new();
-    for (bone, tail) in tails.iter().enumerate() {
-        ending.entry(key(tail)).or_insert(bone);
+    let has_length = |bone: &usize| key(&heads[*bone]) != key(&tails[*bone]);
+    let (long, short): (Vec<usize>, Vec<usize>) = (0..tails.len()).partition(has_length);
+    for bone in long.into_iter().chain(short) {
+        ending.entry(key(&tails[bone])).or_insert(bone);
     }
     let mut number: HashMap<[u32; 3], usize> = HashMap::new();
     for (joint, position) in joints.iter().enumerate() {
@@ -274,6 +277,9 @@ mod tests {
         let joints = [a, b, c, d, e];
         let above = [None, Some(0), Some(1), Some(1), Some(3)];
         assert_eq!(bone_parents(&heads, &tails, &joints, &above), [None, Some(0), Some(0)]);
+        // Whoever is listed first: a bone without length hangs on the one that ends where it is, and takes nothing from it.
+        let (heads, tails) = ([b, a, b], [b, b, c]);
+        assert_eq!(bone_parents(&heads, &tails, &joints, &above), [Some(1), None, Some(1)]);
         // `conns` that lead round end.
         assert_eq!(bone_parents(&[d], &[e], &[d, a], &[Some(1), Some(0)]), [None]);
     }
