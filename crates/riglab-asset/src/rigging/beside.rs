@@ -14,9 +14,6 @@ use crate::pictures::for_gltf;
 /// The largest that is read: 256 MiB.
 const LARGEST: u64 = 256 << 20;
 
-/// Entries of a folder that are looked through.
-const ENTRIES: usize = 4096;
-
 /// Folders in a folder that are looked through; where there are more, they are not those of one model.
 const FOLDERS: usize = 32;
 
@@ -72,8 +69,9 @@ impl Beside {
 
 /// See [`Beside::names`]; what lies in the folder itself counts before what lies in its folders.
 fn names(folder: &Path) -> HashMap<String, Option<PathBuf>> {
+    // All, however many: in which order a folder tells them is chance.
     let entries = |of: &Path| {
-        let found = std::fs::read_dir(of).into_iter().flatten().flatten().take(ENTRIES);
+        let found = std::fs::read_dir(of).into_iter().flatten().flatten();
         let mut paths: Vec<PathBuf> = found.map(|entry| entry.path()).collect();
         paths.sort_unstable();
         paths
@@ -136,5 +134,14 @@ mod tests {
             }
         }
         assert_eq!(Beside::new(None).read("c.png"), None);
+    }
+
+    #[test]
+    fn however_many_files_there_are_all_are_looked_through() {
+        let folder = tempfile::tempdir().unwrap();
+        let all = 0..5000;
+        all.clone().for_each(|n| std::fs::write(folder.path().join(format!("{n}.Png")), n.to_string()).unwrap());
+        let beside = Beside::new(Some(folder.path()));
+        assert!(all.clone().all(|n| beside.read(&format!("{n}.png")) == Some(n.to_string().into())));
     }
 }
