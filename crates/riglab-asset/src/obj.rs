@@ -4,16 +4,21 @@
 //! Vertices come in the order in which the faces of each object first name them. RigNet's pairs of
 //! OBJ and `rig.txt`, whose weights count vertices of the file, need a reader of their own.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use riglab_core::{Rig, Vec3};
 use tobj::{LoadError, LoadOptions};
 
+use crate::assemble::ordered_sets;
 use crate::format::Reads;
 use crate::influences::Repairs;
-use crate::peers::{Assets, Source, beside_obj, open_pair};
-use crate::rigging::{Looks, SubjectNote, Unrigged, obj_model};
+use crate::peers::{Assets, Input, Source, beside_obj, one, open_pair};
+use crate::rigging::{Looks, Row, RowsOf, SubjectNote, Unrigged, obj_model, stood};
 use crate::wavefront::{self, Asked};
-use crate::{Binding, Fault, ImportOptions, Part, Reading, Rights, VertexSet, Warning, triangles};
+use crate::{
+    Binding, Fault, Format, ImportError, ImportOptions, Part, PeerFault, Reading, Rights, VertexSet, Warning, triangles,
+};
 
 /// Wavefront OBJ: the mesh of the rig text beside it, or a mesh alone. In a folder such a pair counts once, as its text.
 pub(crate) struct Obj;
@@ -44,8 +49,45 @@ impl Reads for Obj {
     }
 
     fn looks(&self, file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result<Looks, Fault> {
-        Ok(obj_model(&file.name, file.bytes, file.folder, notes)?.into())
+        let model = obj_model(&file.name, file.bytes, file.folder, notes)?;
+        match rig_beside(file)? {
+            Some(rig) => Ok(Looks { rows: Some(rows(&rig)), rig: Some(rig), ..model.into() }),
+            None => Ok(model.into()),
+        }
     }
+}
+
+/// The rig of the text beside an OBJ, where it is kept.
+fn rig_beside(file: &Unrigged<'_>) -> Result<Option<Rig>, Fault> {
+    let options = file.options;
+    if !(options.keep_rig && Obj.in_arrays(file.path, file.folder)) {
+        return Ok(None);
+    }
+    let (path, folder) = (file.path, file.folder);
+    let source = Source { path, format: Format::of(path, file.bytes)?, input: Input::Bytes(file.bytes), folder };
+    match one(&source, &ImportOptions { clips: None, ..options.import.clone() }) {
+        Ok(pair) => Ok(pair.rig().map(|rig| stood(rig, options.up)).transpose()?),
+        // Joints alone are none.
+        Err(ImportError { fault: Fault::Peer(PeerFault::NoWeights), .. }) => Ok(None),
+        Err(e) => Err(e.fault),
+    }
+}
+
+/// Rows of vertices by their places: the model has them in an order of its own.
+fn rows(rig: &Rig) -> RowsOf {
+    let mut at: HashMap<[u32; 3], usize> = HashMap::new();
+    for (number, place) in rig.mesh().positions().iter().enumerate() {
+        at.entry(bits(place)).or_insert(number);
+    }
+    Box::new(move |document| {
+        let places = ordered_sets(document).into_iter().flat_map(|(_, set)| &set.positions);
+        places.map(|place| Some(Row { number: *at.get(&bits(place))?, rigid: false })).collect()
+    })
+}
+
+/// -0 and 0 are one value.
+fn bits(place: &Vec3) -> [u32; 3] {
+    place.map(|x| (x + 0.0).to_bits())
 }
 
 fn read(bytes: &[u8]) -> Result<Reading, Fault> {

@@ -285,6 +285,41 @@ fn an_obj_takes_its_materials_along() {
 }
 
 #[test]
+fn an_obj_keeps_the_rig_of_the_text_beside_it_and_its_looks() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("e.mtl"), "newmtl cloth\nKd 0.25 0.5 0.75\n").unwrap();
+    let points = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 1\n";
+    std::fs::write(at("e.obj"), format!("mtllib e.mtl\n{points}usemtl cloth\nf 3 2 1\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"))
+        .unwrap();
+    let rig = "joints hips 0 0 0\njoints tip 0 1 0\nroot hips\nhier hips tip\nskin 0 hips 1\nskin 1 hips 1\nskin 2 tip 1\n\
+        skin 3 hips 0.25 tip 0.75\n";
+    std::fs::write(at("e_rig.txt"), rig).unwrap();
+    // Joints alone are no rig to keep.
+    std::fs::write(at("joints.obj"), points.to_owned() + "f 3 2 1\n").unwrap();
+    std::fs::write(at("joints_rig.txt"), "joints hips 0 0 0\nroot hips\n").unwrap();
+    let keep = SubjectOptions { keep_rig: true, ..Default::default() };
+    assert!(Subject::read(at("joints.obj"), &keep).unwrap().old_rig().is_none());
+    let read = |keep_rig| Subject::read(at("e.obj"), &SubjectOptions { keep_rig, ..Default::default() }).unwrap();
+    let bare = read(false);
+    assert!(bare.old_rig().is_none() && bare.notes().is_empty(), "{:?}", bare.notes());
+    let kept = read(true);
+    assert_eq!(kept.old_rig().unwrap().skeleton().names(), ["hips", "tip"]);
+    let weights = kept.old_weights().unwrap().clone();
+    for (v, place) in kept.mesh().positions().iter().enumerate() {
+        let wanted: &[f32] = match place {
+            [_, _, 1.0] => &[0.25, 0.75],
+            _ => &[1.0],
+        };
+        assert_eq!(weights.row(v).map(|(_, share)| share).collect::<Vec<_>>(), wanted, "{place:?}");
+    }
+    let rig = kept.rigged(kept.old_rig().unwrap().skeleton().clone(), weights).unwrap();
+    let made = kept.attach(&rig, &ExportOptions::default()).unwrap();
+    let (json, _) = parts(&made.bytes);
+    assert_eq!((json["skins"].as_array().unwrap().len(), &json["materials"][0]["name"]), (1, &Value::from("cloth")));
+}
+
+#[test]
 fn what_cannot_be_rigged_is_told_in_a_sentence() {
     let fault = |name: &str, bytes: &[u8], options: &SubjectOptions| {
         Subject::from_bytes(name, bytes, None, options).unwrap_err().fault

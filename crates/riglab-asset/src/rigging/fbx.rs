@@ -5,7 +5,7 @@ use std::path::Path;
 use super::beside::Beside;
 use super::dressed::rows;
 use super::looks::{Looks, Motions, RowsOf, Unrigged};
-use super::subject::{Turn, turned_rig};
+use super::subject::stood;
 use super::{SubjectNote, UpAxis};
 use crate::assemble::loose_roots;
 use crate::fbx::{Left, Taken, counted};
@@ -40,7 +40,7 @@ fn old_rig(file: &Unrigged<'_>, rate: f32, notes: &mut Vec<SubjectNote>) -> Resu
     match import_from(file.path, file.bytes, None, &ImportOptions { clips, ..options.import.clone() }) {
         Ok(mut imported) if options.keep_rig && imported.rig().is_some() => {
             if let Content::Rigged(rig) = &mut imported.content {
-                *rig = turned_rig(rig, options.up.into(), Turn::onto_mesh)?;
+                *rig = stood(rig, options.up)?;
             }
             Ok(Some(imported))
         }

@@ -9,7 +9,6 @@ use crate::Reading;
 use crate::gltf::export::model::Model;
 
 /// A file to read a model from.
-#[cfg_attr(not(feature = "fbx"), expect(dead_code, reason = "FBX alone has a rig of its own to read"))]
 pub(crate) struct Unrigged<'a> {
     /// Where it is, for messages and for how it is read.
     pub path: &'a Path,
@@ -38,7 +37,6 @@ pub(crate) struct Looks {
 
 /// What a vertex is in the rig of its file.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(not(feature = "fbx"), expect(dead_code, reason = "FBX alone has a rig of its own to read"))]
 pub(crate) struct Row {
     /// The number of its row.
     pub number: usize,

@@ -34,12 +34,13 @@ mod up;
 
 #[cfg(feature = "fbx")]
 pub use dressed::dressed;
-pub(crate) use looks::{Looks, Unrigged};
+pub(crate) use looks::{Looks, Row, RowsOf, Unrigged};
 pub use names::{NameStyle, human_bones, humanoid, name_added, name_bones, name_joints, name_others};
 pub(crate) use normals::complete as complete_normals;
 pub use note::SubjectNote;
 pub(crate) use obj::read as obj_model;
 pub use seams::{agreed, twins};
+pub(crate) use subject::stood;
 pub use subject::{Origin, Subject, SubjectOptions};
 pub(crate) use surface::model as surface_model;
 pub use up::UpAxis;

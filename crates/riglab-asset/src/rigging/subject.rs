@@ -546,10 +546,15 @@ fn turned_mesh(mesh: &Mesh, by: Turn) -> Result<Mesh, RigError> {
 fn turned_skeleton(skeleton: &Skeleton, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Skeleton, RigError> {
     skeleton.with_heads(skeleton.heads().iter().map(|p| turn(by, *p)).collect())
 }
+/// A rig of a file with some axis up, as its document has it.
+pub(crate) fn stood(rig: &Rig, up: UpAxis) -> Result<Rig, RigError> {
+    turned_rig(rig, up.into(), Turn::onto_mesh)
+}
+
 
 /// A rig in other axes. Springs, whose directions are told in more ways than one, go along only where nothing turns;
 /// the document keeps its own.
-pub(super) fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, RigError> {
+fn turned_rig(rig: &Rig, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Rig, RigError> {
     if by == Turn::NONE {
         return Ok(rig.clone());
     }

@@ -44,8 +44,8 @@ Examples:
 pub struct RigArgs {
     #[command(flatten)]
     common: Common,
-    /// Where the skeleton comes from: `predict`, `keep` (the file's own), or another file in the same space: a rigged one, or a
-    /// rig text of joints alone (lines `joints NAME X Y Z`, `hier PARENT CHILD` and `root NAME`).
+    /// Where the skeleton comes from: `predict`, `keep` (the file's own, or that of the rig text beside an OBJ), or another file
+    /// in the same space: a rigged one, or a rig text of joints alone (lines `joints NAME X Y Z`, `hier PARENT CHILD` and `root NAME`).
     #[arg(long, default_value = "predict", value_name = "predict|keep|FILE")]
     skeleton: String,
     /// The given skeleton (--skeleton keep or FILE) is a beginning: its joints stay as they are, and the model adds those that
@@ -82,8 +82,8 @@ Examples:
 pub struct SkinArgs {
     #[command(flatten)]
     common: Common,
-    /// Where the skeleton comes from: `keep` (the file's own), or another file in the same space: a rigged one, or a rig text of
-    /// joints alone.
+    /// Where the skeleton comes from: `keep` (the file's own, or that of the rig text beside an OBJ), or another file in the same
+    /// space: a rigged one, or a rig text of joints alone.
     #[arg(long, default_value = "keep", value_name = "keep|FILE")]
     skeleton: String,
 }
