@@ -303,6 +303,25 @@ fn metal_that_a_map_alone_says_is_none_without_it() {
 }
 
 #[test]
+fn splines_too_long_to_be_sampled_are_told() {
+    let told = |end: f32| {
+        let values = [[0.0f32; 3], [0.0, 1.0, 0.0], [0.0; 3], [0.0; 3], [0.0, 2.0, 0.0], [0.0; 3]].concat();
+        let tiny = Tiny::new()
+            .with_accessor(5126, "SCALAR", 2, &floats(&[0.0, end]))
+            .with_accessor(5126, "VEC3", 6, &floats(&values))
+            .with(
+                "/animations",
+                json!([{"samplers": [{"input": 5, "output": 6, "interpolation": "CUBICSPLINE"}],
+                        "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}},
+                                     {"sampler": 0, "target": {"node": 2, "path": "scale"}}]}]),
+            );
+        written(&tiny).left.parts()
+    };
+    assert_eq!(told(10.0), [] as [&str; 0]);
+    assert_eq!(told(1e6), ["2 splines of a motion too long to be sampled"]);
+}
+
+#[test]
 fn a_cutoff_of_alpha_is_told() {
     let told = |tiny: Tiny| written(&tiny.with("/materials/0/alphaMode", json!("MASK"))).left.parts();
     assert_eq!(told(dressed()), ["1 material with an alpha cutoff", "1 metallic-roughness map"]);

@@ -30,11 +30,15 @@ pub(super) struct Keys<const N: usize> {
 }
 
 /// How many keys may still be made between those of tracks: files claim long times in few bytes.
-pub(super) struct Room(usize);
+pub(super) struct Room {
+    left: usize,
+    /// How many splines found none, and are straight lines from key to key.
+    pub(super) straightened: usize,
+}
 
 impl Room {
     pub(super) fn new() -> Self {
-        Self(1 << 21)
+        Self { left: 1 << 21, straightened: 0 }
     }
 
     /// The times at which a track is sampled.
@@ -42,10 +46,12 @@ impl Room {
         let keys = track.times();
         let between = |pair: &[f64]| ((pair[1] - pair[0]) * RATE).ceil().max(1.0);
         let wanted: f64 = keys.windows(2).map(between).sum();
-        if track.is_stepped() || wanted > self.0 as f64 {
+        let has_room = wanted <= self.left as f64;
+        self.straightened += usize::from(track.is_spline() && !has_room);
+        if track.is_stepped() || !has_room {
             return keys.to_vec();
         }
-        self.0 -= wanted as usize;
+        self.left -= wanted as usize;
         let mut times = vec![keys[0]];
         for pair in keys.windows(2) {
             let parts = between(pair) as usize;

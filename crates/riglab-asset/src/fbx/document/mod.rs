@@ -117,17 +117,21 @@ fn plural(one: &str) -> String {
 /// What is wrong with the GLB, or that the file would be too large.
 pub fn glb_to_fbx(glb: &[u8]) -> Result<FbxFile, FbxFault> {
     let contents = Contents::read(glb)?;
-    let bytes = write(&contents, crate::gltf::said_made_of(glb).as_deref())
+    let motions = Motions::new(&contents);
+    let bytes = write(&contents, &motions, crate::gltf::said_made_of(glb).as_deref())
         .map_err(|error| FbxFault::TooLong(error.to_string()))?;
-    Ok(FbxFile { bytes, left: FbxLeft(contents.left) })
+    let mut left = contents.left;
+    if motions.straightened > 0 {
+        left.insert("spline of a motion too long to be sampled", motions.straightened);
+    }
+    Ok(FbxFile { bytes, left: FbxLeft(left) })
 }
 
-fn write(contents: &Contents, made_of: Option<&str>) -> Result<Vec<u8>, Error> {
+fn write(contents: &Contents, motions: &Motions, made_of: Option<&str>) -> Result<Vec<u8>, Error> {
     let clusters: usize = contents.meshes.iter().filter_map(|mesh| mesh.skin.as_ref()).map(|s| s.clusters.len()).sum();
     let skins = contents.meshes.iter().filter(|mesh| mesh.skin.is_some()).count();
     let models = models::count(contents);
     let (shaped, shapes) = shapes::count(contents);
-    let motions = Motions::new(contents);
     let [stacks, curve_nodes, curves] = motions.count();
     let kinds = [
         ("GlobalSettings", 1),

@@ -21,6 +21,8 @@ pub(super) struct Motions {
     clips: Vec<Clip>,
     groups: Vec<Group>,
     curves: Vec<Curve>,
+    /// How many splines are straight lines between their keys.
+    pub(super) straightened: usize,
 }
 
 struct Clip {
@@ -77,6 +79,7 @@ impl Motions {
                 }
             }
         }
+        all.straightened = room.straightened;
         all
     }
 

@@ -148,6 +148,12 @@ impl Track {
         is_line || self.is_stepped()
     }
 
+    /// Whether the numbers go from key to key along tangents.
+    #[cfg(feature = "fbx")]
+    pub(crate) fn is_spline(&self) -> bool {
+        self.interpolation == Interpolation::CubicSpline
+    }
+
     pub(crate) fn path(&self) -> Path {
         self.path
     }
