@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::rc::Rc;
 
-use glam::DAffine3;
+use glam::{DAffine3, DMat3};
 use serde_json::Value;
 
 use super::{Cluster, Contents, Layer, Look, Mesh, Places, Skin, looks};
@@ -115,6 +115,9 @@ impl<'a, 'd> Reader<'a, 'd> {
         }
         let starts = std::mem::take(&mut growing.starts);
         self.shapes(&mut growing.mesh, (node, mesh), &parts, |part| starts[&part.vertex_set])?;
+        if let Some(skin) = skin.filter(|skin| !self.is_bound(*skin)) {
+            growing.mesh.put_at_rest(self.places.binds.maps(skin));
+        }
         let own = contents.meshes.len();
         contents.meshes.push(growing.mesh);
         if is_shared {
@@ -126,8 +129,13 @@ impl<'a, 'd> Reader<'a, 'd> {
     /// Whether the triangles of a skinned mesh face outwards when they are turned round: its node says so where it mirrors
     /// (3.7.4 of glTF 2.0), in lists what binds it.
     fn is_turned(&self, node: usize, skin: usize) -> bool {
-        let bound = self.places.binds.maps(skin).first().is_some_and(is_mirrored);
+        let bound = self.is_bound(skin) && self.places.binds.maps(skin).first().is_some_and(is_mirrored);
         is_mirrored(self.places.nodes.global(node)) != bound
+    }
+
+    /// Whether a skin says where its mesh was bound. Else points are given in the spaces of their joints.
+    fn is_bound(&self, skin: usize) -> bool {
+        self.places.skins.get(skin).is_some_and(|skin| skin.inverse_binds.is_some())
     }
 
     /// Adds the points and triangles of a part, these turned round where it is said so.
@@ -248,8 +256,11 @@ impl<'a, 'd> Reader<'a, 'd> {
         let joints = skins.get(skin).map_or(&[][..], |skin| &skin.joints);
         let inverse = skins.get(skin).and_then(|skin| skin.inverse_binds.as_deref());
         let cluster = |(slot, &node): (usize, &usize)| {
-            let to_joint = inverse.map_or(DAffine3::IDENTITY, |all| all[slot]);
-            let bind = maps[slot] * to_joint.inverse();
+            // What is in the space of its joints stands in the scene once it is put at rest.
+            let (to_joint, bind) = match inverse {
+                Some(all) => (all[slot], maps[slot] * all[slot].inverse()),
+                None => (maps[slot].inverse(), maps[slot]),
+            };
             let (points, weights) = Default::default();
             Cluster { node: self.number[node], points, weights, to_joint, bind }
         };
@@ -271,8 +282,39 @@ impl<'a, 'd> Reader<'a, 'd> {
                 }
             }
         }
-        let map = maps.first().copied().unwrap_or(DAffine3::IDENTITY);
+        let map = maps.first().copied().filter(|_| inverse.is_some()).unwrap_or(DAffine3::IDENTITY);
         Ok(Skin { clusters, map })
+    }
+}
+
+impl Mesh {
+    /// Takes all from the spaces of its joints to where these hold it at rest; `maps` are those of its clusters. One that each
+    /// joint takes elsewhere has no one map of its own, which lists of nodes ask for.
+    fn put_at_rest(&mut self, maps: &[DAffine3]) {
+        let mut of_points = vec![DAffine3::ZERO; self.points.len()];
+        for (cluster, map) in self.skin.iter().flat_map(|skin| &skin.clusters).zip(maps) {
+            for (&point, &weight) in cluster.points.iter().zip(&cluster.weights) {
+                let sum = &mut of_points[point as usize];
+                sum.matrix3 += map.matrix3 * weight;
+                sum.translation += map.translation * weight;
+            }
+        }
+        let vector = |v: [f32; 3]| glam::Vec3::from(v).as_dvec3();
+        let of_normals: Vec<DMat3> = of_points.iter().map(|map| map.matrix3.inverse().transpose()).collect();
+        for (point, map) in self.points.iter_mut().zip(&of_points) {
+            *point = map.transform_point3(vector(*point)).as_vec3().into();
+        }
+        for (normal, &point) in self.normals.iter_mut().zip(self.triangles.as_flattened()) {
+            let turned = (of_normals[point as usize] * vector(*normal)).normalize_or(vector(*normal));
+            *normal = turned.as_vec3().into();
+        }
+        for shape in &mut self.shapes {
+            for ((&point, offset), normal) in shape.points.iter().zip(&mut shape.offsets).zip(&mut shape.normals) {
+                let turned = of_normals[point as usize] * vector(*normal);
+                *normal = if turned.is_finite() { turned.as_vec3().into() } else { *normal };
+                *offset = (of_points[point as usize].matrix3 * vector(*offset)).as_vec3().into();
+            }
+        }
     }
 }
 
