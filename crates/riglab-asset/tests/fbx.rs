@@ -146,6 +146,28 @@ fn motions_beyond_measure_are_cut_or_left_out() {
 }
 
 #[test]
+fn a_motion_that_is_left_out_takes_no_room_from_others() {
+    // What inherits scales otherwise is posed with the whole scene, which is too much of the first motion.
+    let hips = [0.0, 10.0, 0.0];
+    let link = |bone| Cluster { bone, weights: &[(0, 1.0)], transform: moved(hips.map(|x| -x)), link: moved(hips) };
+    let keys = |end: f64| [(0.0, 10.0), (end, 30.0)];
+    let (long, short) = (keys(1048.0), keys(1.0));
+    let [long, short] = [&long, &short].map(|keys| (1, "Lcl Translation", "d|Y", &keys[..]));
+    let file = Ascii::new()
+        .bone(1, "hips", 0, hips)
+        .node(2, "tip", "LimbNode", 1, hips, "P: \"InheritType\", \"enum\", \"\", \"\",2")
+        .mesh(10, 0, &TETRAHEDRON, &SIDES, "")
+        .skin(10, &[link(1), link(2)])
+        .motion("long", None, &[long])
+        .motion("short", None, &[short]);
+    let all = ImportOptions { clips: Some(Resample { rate: 1000.0, frames: usize::MAX }), ..ImportOptions::default() };
+    let imported = import_bytes("a.fbx", &file.bytes(), &all).unwrap();
+    let told = imported.warnings().iter().any(|told| matches!(told, Warning::ClipsLeftOut { .. }));
+    let clips: Vec<_> = imported.clips.iter().map(|clip| (clip.name(), clip.frames())).collect();
+    assert_eq!((clips, told), (vec![("short", 1001)], true));
+}
+
+#[test]
 fn as_glb_it_keeps_looks_rig_and_motions() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.fbx");

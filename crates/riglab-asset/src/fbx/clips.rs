@@ -106,10 +106,13 @@ fn clip(
     let frames = (whole as usize).saturating_add(1).min(resample.frames.max(1));
     let to_joints = joints.to_joints().ok_or("a joint is flat at rest")?;
     let poser = Poser::new(scene, stack, (nodes, joints), memory)?;
-    for (room, each) in room.iter_mut().zip([to_joints.len(), poser.cost()]) {
-        let left = room.checked_sub(frames.saturating_mul(each));
-        *room = left.ok_or("the clips of the file are longer than is read")?;
-    }
+    // One that is refused takes nothing from those behind it.
+    let each = [to_joints.len(), poser.cost()];
+    let left = [0, 1].map(|k| room[k].checked_sub(frames.saturating_mul(each[k])));
+    let [Some(maps), Some(elements)] = left else {
+        return Err("the clips of the file are longer than is read".into());
+    };
+    *room = [maps, elements];
     let back = nodes.space.inverse();
     let mut maps: Vec<JointMap> = Vec::with_capacity(frames * to_joints.len());
     let mut worlds: Vec<DAffine3> = (0..nodes.all.len()).map(|node| nodes.world(node)).collect();
