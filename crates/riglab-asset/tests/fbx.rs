@@ -168,6 +168,23 @@ fn a_motion_that_is_left_out_takes_no_room_from_others() {
 }
 
 #[test]
+fn motions_of_parts_that_hang_on_joints_are_told_to_be_lost() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.fbx");
+    let turn = (1, "Lcl Rotation", "d|Z", &[(0.0, 0.0), (1.0, 90.0)][..]);
+    let told = |to: f64| {
+        let keys = [(0.0, 0.0), (1.0, to)];
+        let own = (20, "Lcl Translation", "d|Y", &keys[..]);
+        let file = tiny(Ascii::new()).mesh(20, 2, &TETRAHEDRON, &SIDES, "").motion("go", None, &[turn, own]);
+        std::fs::write(&path, file.bytes()).unwrap();
+        dressed(&path, &ImportOptions::default(), &Springs::default(), &ExportOptions::default()).unwrap().1
+    };
+    assert_eq!(told(300.0), [SubjectNote::ThingsLeft(vec!["the object motions of 1 animation".into()])]);
+    // Exporters write curves of what is still, too.
+    assert_eq!(told(0.0), []);
+}
+
+#[test]
 fn as_glb_it_keeps_looks_rig_and_motions() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.fbx");

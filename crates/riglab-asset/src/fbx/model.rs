@@ -3,7 +3,10 @@
 use std::collections::{BTreeSet, HashMap};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{AnimLayer, AnimStack, Element, ElementType, Material, Mesh, PropFlags, Scene, VertexVec2, VertexVec4};
+use ufbx::{
+    AnimCurve, AnimLayer, AnimProp, AnimStack, Element, ElementType, Material, Mesh, PropFlags, Scene, VertexVec2,
+    VertexVec4,
+};
 
 use super::clips::time;
 use super::groups::Groups;
@@ -50,6 +53,8 @@ pub(crate) struct Taken {
     pub(crate) rate: f32,
     /// How many animations move something.
     pub(crate) animations: usize,
+    /// How many of those that move joints move parts that hang there as well.
+    pub(crate) part_motions: usize,
     pub(crate) left: Left,
 }
 
@@ -129,7 +134,44 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let (one, many) = ("blend shape's in-between shapes", "blend shapes' in-between shapes");
     left.things.extend(counted(in_between(&meshes), one, many));
     left.things.extend(counted(too_long, "long motion of blend shapes", "long motions of blend shapes"));
-    Ok(Taken { model, origins, rate, animations: animations(&scene), left })
+    let part_motions = part_motions(&scene, &nodes, &joints, &moving);
+    Ok(Taken { model, origins, rate, animations: animations(&scene), part_motions, left })
+}
+
+/// How many animations of joints move a mesh without a skin as well, by its own node or by one between it and its joint.
+fn part_motions(scene: &Scene, nodes: &Nodes<'_>, joints: &Joints, moving: &[bool]) -> usize {
+    let mut of_parts = vec![false; nodes.all.len()];
+    for (number, node) in nodes.all.iter().enumerate() {
+        let Some(mesh) = node.mesh.as_deref() else { continue };
+        if matches!(hold(nodes, joints, number, mesh), Hold::Skin(_)) {
+            continue;
+        }
+        let mut at = Some(number);
+        while let Some(own) = at.filter(|own| !moving[*own] && !of_parts[*own]) {
+            of_parts[own] = true;
+            at = nodes.parent(own);
+        }
+    }
+    let moves_part = |prop: &AnimProp| {
+        prop.element.type_ == ElementType::Node
+            && of_parts.get(prop.element.typed_id as usize) == Some(&true)
+            && is_moved(prop)
+    };
+    let of_part = |stack: &AnimStack| (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props).any(moves_part);
+    (&scene.anim_stacks).into_iter().filter(|stack| time(stack, moving).is_some() && of_part(stack)).count()
+}
+
+/// Whether curves take a property elsewhere than where it is: exporters write some for what is still, too.
+fn is_moved(prop: &AnimProp) -> bool {
+    let rest = prop.element.props.find_prop(&prop.prop_name).map(|own| own.value_vec4);
+    let rest = rest.map(|own| [own.x, own.y, own.z]);
+    let is_moved = |k: usize, curve: &AnimCurve| {
+        let (low, high) = (curve.min_value, curve.max_value);
+        let rest = rest.map_or(low, |rest| rest[k]);
+        low.min(rest) < high.max(rest) - 1e-4 * rest.abs().max(1.0)
+    };
+    let curves = prop.anim_value.curves.iter().enumerate();
+    curves.filter_map(|(k, curve)| Some((k, curve.as_ref()?))).any(|(k, curve)| is_moved(k, curve))
 }
 
 /// How many animations have keys of something else than blend shapes. Exporters write one for files at rest, too, with no

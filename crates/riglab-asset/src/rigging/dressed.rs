@@ -66,7 +66,8 @@ pub fn dressed(
     let exported = gltf::export::with_motions(exported, old.skeleton(), &imported.clips).map_err(fail)?;
     // Of those that move no joint, and those that could not be read, of which the importer warned.
     let unread = taken.animations.saturating_sub(imported.clips.len());
-    let mut notes = fbx::left(taken.left, unread, shapes_move);
+    let part_motions = taken.part_motions.min(imported.clips.len());
+    let mut notes = fbx::left(taken.left, unread, part_motions, shapes_move);
     notes.extend((parts > 0).then_some(SubjectNote::Unplaced { parts }));
     Ok((exported, notes))
 }

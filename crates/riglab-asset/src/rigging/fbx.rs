@@ -22,7 +22,7 @@ pub(crate) fn looks(file: &Unrigged<'_>, notes: &mut Vec<SubjectNote>) -> Result
     let rows = old.map(|old| -> RowsOf { Box::new(move |document| rows(&old.reading, &origins, document)) });
     let kept = motions.as_ref().map_or(0, |motions| motions.clips.len());
     let missing = taken.animations.saturating_sub(kept);
-    notes.extend(left(taken.left, missing, !taken.model.swings.is_empty()));
+    notes.extend(left(taken.left, missing, taken.part_motions.min(kept), !taken.model.swings.is_empty()));
     Ok(Looks { model: taken.model, rig, rows, loose, motions, animations: taken.animations })
 }
 
@@ -61,17 +61,23 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: Option<&Path>) -> Result<Ta
     crate::fbx::model(name, bytes, |picture| beside.read(picture))
 }
 
-/// What of a file is not in its model, nor so many of its animations; where the model has those of blend shapes
-/// (`shapes_move`), it is not the whole of an animation that is missing.
-pub(super) fn left(left: Left, animations: usize, shapes_move: bool) -> Vec<SubjectNote> {
+/// What of a file is not in its model, nor so many of its animations, nor what as many as `part_motions` of the others say of
+/// parts that hang on joints; where the model has those of blend shapes (`shapes_move`), it is not the whole of an animation that
+/// is missing.
+pub(super) fn left(left: Left, animations: usize, part_motions: usize, shapes_move: bool) -> Vec<SubjectNote> {
     let mut notes: Vec<SubjectNote> = left.missing.into_iter().map(SubjectNote::FileMissing).collect();
     notes.extend(left.other.into_iter().map(SubjectNote::OtherPicture));
     if !left.maps.is_empty() {
         notes.push(SubjectNote::MapsLeft(left.maps.into_iter().collect()));
     }
     let mut things = left.things;
-    let whole = counted(animations, "animation", "animations");
-    things.extend(whole.map(|all| if shapes_move { format!("the object motions of {all}") } else { all }));
+    let (whole, of_objects) = match shapes_move {
+        true => (0, animations + part_motions),
+        false => (animations, part_motions),
+    };
+    let counted = |n| counted(n, "animation", "animations");
+    things.extend(counted(whole));
+    things.extend(counted(of_objects).map(|all| format!("the object motions of {all}")));
     if !things.is_empty() {
         notes.push(SubjectNote::ThingsLeft(things));
     }
@@ -84,9 +90,12 @@ mod tests {
 
     #[test]
     fn of_animations_whose_shapes_move_the_motions_of_objects_are_left() {
-        let told = |animations, shapes_move| left(Left::default(), animations, shapes_move);
-        assert_eq!(told(2, false), [SubjectNote::ThingsLeft(vec!["2 animations".into()])]);
-        assert_eq!(told(2, true), [SubjectNote::ThingsLeft(vec!["the object motions of 2 animations".into()])]);
-        assert_eq!(told(0, true), []);
+        let told = |animations, parts, shapes_move| left(Left::default(), animations, parts, shapes_move);
+        let things = |all: &[&str]| [SubjectNote::ThingsLeft(all.iter().map(|&of| of.into()).collect())];
+        assert_eq!(told(2, 0, false), things(&["2 animations"]));
+        assert_eq!(told(2, 0, true), things(&["the object motions of 2 animations"]));
+        assert_eq!(told(2, 1, false), things(&["2 animations", "the object motions of 1 animation"]));
+        assert_eq!(told(2, 1, true), things(&["the object motions of 3 animations"]));
+        assert_eq!(told(0, 0, true), []);
     }
 }
