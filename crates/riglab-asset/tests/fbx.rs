@@ -255,8 +255,10 @@ fn as_glb_motions_of_blend_shapes_go_with_those_of_joints() {
     let other = (31, "DeformPercent", "d|DeformPercent", &[(0.0, 0.0), (1.0, 100.0)][..]);
     let file = Ascii::new().mesh(40, 0, &TETRAHEDRON, &SIDES, "").shape(40, 31, 0, [1.0, 0.0, 0.0]);
     let file = tiny(file).shape(10, 30, 2, [0.0, 10.0, 0.0]);
-    let file =
-        file.motion("turn", None, &[turn, talk, other]).motion("wink", None, &[talk]).motion("wave", None, &[turn]);
+    // Open and shut before the joints begin.
+    let early = (30, "DeformPercent", "d|DeformPercent", &[(0.0, 0.0), (0.5, 100.0), (1.0, 0.0)][..]);
+    let file = file.motion("turn", None, &[turn, talk, other]).motion("early", None, &[turn, early]);
+    let file = file.motion("wink", None, &[talk]).motion("wave", None, &[turn]);
     std::fs::write(&path, file.bytes()).unwrap();
     let (exported, notes) =
         dressed(&path, &ImportOptions::default(), &Springs::default(), &ExportOptions::default()).unwrap();
@@ -264,7 +266,7 @@ fn as_glb_motions_of_blend_shapes_go_with_those_of_joints() {
     let glb = gltf(&exported.bytes);
     let animations = glb["animations"].as_array().unwrap();
     let names: Vec<&str> = animations.iter().map(|own| own["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["turn", "wave", "wink"]);
+    assert_eq!(names, ["turn", "early", "wave", "wink"]);
     let of_weights = |own: &serde_json::Value| {
         let channels = own["channels"].as_array().unwrap().iter();
         let found: Vec<_> = channels.filter(|channel| channel["target"]["path"] == "weights").cloned().collect();
@@ -280,16 +282,21 @@ fn as_glb_motions_of_blend_shapes_go_with_those_of_joints() {
             )
         })
     };
-    // The turn begins at 1 and the mouth is open at 2.5; by itself it begins at 1.5. A file that says none has 24 frames a second.
-    let (turn, wave, wink) = (of_weights(&animations[0]), of_weights(&animations[1]), of_weights(&animations[2]));
-    assert_eq!(turn, Some((1, "mesh10".into(), 37.into(), 1.5.into())));
+    // All of an animation begins with its first key: the other mesh moves from 0 on, the joints from 1, and the mouth is open at
+    // 2.5. By itself that begins at 1.5. A file that says none has 24 frames a second.
+    let [turn, early, wave, wink] = [0, 1, 2, 3].map(|n| of_weights(&animations[n]));
+    assert_eq!(turn, Some((1, "mesh10".into(), 61.into(), 2.5.into())));
+    assert_eq!(early, Some((1, "mesh10".into(), 25.into(), 1.0.into())));
     assert_eq!((wave, wink), (None, Some((1, "mesh10".into(), 25.into(), 1.0.into()))));
-    // Joints move as they do without.
     let clips = with_clips("a.glb", &exported.bytes, 30.0);
     assert_eq!(
         clips.clips.iter().map(|clip| (clip.name(), clip.frames())).collect::<Vec<_>>(),
-        [("turn", 31), ("wave", 31)]
+        [("turn", 61), ("early", 61), ("wave", 31)]
     );
+    // Joints stand still until they move, and go where they do without.
+    let tops = [0, 30, 60].map(|frame| skin(clips.rig().unwrap(), &clips.clips[1].frame(frame)).unwrap());
+    let alone = [0, 30].map(|frame| skin(clips.rig().unwrap(), &clips.clips[2].frame(frame)).unwrap());
+    assert_near(&tops.concat(), &[&alone[0][..], &alone[0], &alone[1]].concat());
 }
 
 #[test]

@@ -38,6 +38,7 @@ pub(super) fn read(
     let mut room = [MAX_MAPS, MAX_ELEMENTS];
     for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
         let Some(time) = time(stack, &moving) else { continue };
+        let time = begin(stack, &moving).unwrap_or(*time.start())..=*time.end();
         let name = called(stack, number);
         if wanted.is_some_and(|wanted| wanted != name || !clips.is_empty()) {
             continue;
@@ -74,8 +75,25 @@ pub(super) fn time(stack: &AnimStack, moving: &[bool]) -> Option<RangeInclusive<
     })
 }
 
+/// From the first to the last key of what moves blend shapes, as [`span`] has it.
+pub(super) fn time_of_shapes(stack: &AnimStack) -> Option<RangeInclusive<f64>> {
+    span(stack, is_of_shape)
+}
+
+/// Whether a property moves a blend shape.
+pub(super) fn is_of_shape(prop: &AnimProp) -> bool {
+    prop.element.type_ == ElementType::BlendChannel
+}
+
+/// When what an animation says of joints and of blend shapes begins: with the first key of either, so that both are sampled at
+/// the same times.
+pub(super) fn begin(stack: &AnimStack, moving: &[bool]) -> Option<f64> {
+    let times = [time(stack, moving), time_of_shapes(stack)];
+    times.iter().flatten().map(|time| *time.start()).reduce(f64::min)
+}
+
 /// From the first to the last key of some properties, within what the stack says of its time; `None` where none has keys.
-pub(super) fn span(stack: &AnimStack, is_own: impl Fn(&AnimProp) -> bool) -> Option<RangeInclusive<f64>> {
+fn span(stack: &AnimStack, is_own: impl Fn(&AnimProp) -> bool) -> Option<RangeInclusive<f64>> {
     let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props);
     let own = props.filter(|prop| is_own(prop));
     let curves = own.flat_map(|prop| prop.anim_value.curves.iter().flatten());

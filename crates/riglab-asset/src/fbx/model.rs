@@ -126,8 +126,7 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     let rate = scene.settings.frames_per_second as f32;
     let rate = if (1.0..=240.0).contains(&rate) { rate } else { Resample::default().rate };
     let moving = joints.movers(&nodes);
-    let of_joints = |stack: &AnimStack| time(stack, &moving).map(|time| *time.start());
-    let (swings, too_long) = swings(&scene, &meshes, rate, of_joints);
+    let (swings, too_long) = swings(&scene, &meshes, rate, &moving);
     model.swings = swings;
     let mut left = pictures.left;
     left.things.extend(still.then(|| "motions of blend shapes, which could not be read".to_owned()));

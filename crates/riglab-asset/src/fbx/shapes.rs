@@ -3,9 +3,9 @@
 use std::collections::{HashMap, HashSet};
 
 use glam::{DAffine3, DVec3};
-use ufbx::{AnimProp, AnimStack, BlendChannel, ElementType, Mesh, Scene};
+use ufbx::{BlendChannel, Mesh, Scene};
 
-use super::clips::{called, span};
+use super::clips::{begin, called, is_of_shape, time_of_shapes};
 use crate::Fault;
 use crate::budget::Budget;
 use crate::gltf::export::model::{Shape, Swing};
@@ -80,25 +80,19 @@ pub(super) fn shapes(
 }
 
 /// The motions of the blend shapes of `meshes`, by their number there, at a steady rate; and how many are longer than is
-/// read. Each begins where `joints` says that the same animation of joints does.
-pub(super) fn swings(
-    scene: &Scene,
-    meshes: &[&Mesh],
-    rate: f32,
-    joints: impl Fn(&AnimStack) -> Option<f64>,
-) -> (Vec<Swing>, usize) {
+/// read. Each begins when the same animation does of joints, which are at or below the nodes that are `moving`.
+pub(super) fn swings(scene: &Scene, meshes: &[&Mesh], rate: f32, moving: &[bool]) -> (Vec<Swing>, usize) {
     let (mut swings, mut too_long, mut room) = (Vec::new(), 0, MAX_WEIGHTS);
     for (number, stack) in (&scene.anim_stacks).into_iter().enumerate() {
-        let is_own = |prop: &AnimProp| prop.element.type_ == ElementType::BlendChannel;
-        let Some(time) = span(stack, is_own) else { continue };
-        let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props).filter(|prop| is_own(prop));
+        let Some(time) = time_of_shapes(stack) else { continue };
+        let props = (&stack.layers).into_iter().flat_map(|layer| &layer.anim_props).filter(|prop| is_of_shape(prop));
         let told: HashSet<u32> = props.map(|prop| prop.element.element_id).collect();
         let moved = |mesh: &Mesh| channels(mesh).any(|channel| told.contains(&channel.element.element_id));
         let moved: Vec<(usize, &Mesh)> = meshes.iter().copied().enumerate().filter(|(_, mesh)| moved(mesh)).collect();
         if moved.is_empty() {
             continue;
         }
-        let begin = joints(stack).unwrap_or(*time.start());
+        let begin = begin(stack, moving).unwrap_or(*time.start());
         // The last frame is the last whole one; a thousandth of one for rounding of key times.
         let frames = ((time.end() - begin).max(0.0) * f64::from(rate) + 1e-3).floor() as usize;
         let frames = frames.saturating_add(1);
