@@ -303,6 +303,45 @@ fn metal_that_a_map_alone_says_is_none_without_it() {
 }
 
 #[test]
+fn pictures_keep_their_coordinates_and_borders_through_fbx() {
+    let (json, _) = back(&dressed());
+    let material = &json["materials"][0];
+    let sampler = |info: &Value| {
+        let texture = &json["textures"][info["index"].as_u64().unwrap() as usize];
+        let own = &json["samplers"][texture["sampler"].as_u64().unwrap() as usize];
+        (info["texCoord"].clone(), own["wrapS"].clone(), own["wrapT"].clone())
+    };
+    let colour = &material["pbrMetallicRoughness"]["baseColorTexture"];
+    assert_eq!(sampler(colour), (json!(1), json!(33071), json!(10497)));
+    assert_eq!(sampler(&material["normalTexture"]), (Value::Null, json!(33071), json!(10497)));
+}
+
+#[test]
+fn normals_of_shapes_come_back_from_fbx() {
+    let of_third = |by: [f32; 3]| floats(&[[0.0; 3], [0.0; 3], by, [0.0; 3]].concat());
+    let tiny = dressed().with_accessor(5126, "VEC3", 4, &of_third([0.0, 0.5, 0.0])).with_accessor(
+        5126,
+        "VEC3",
+        4,
+        &of_third([0.25, 0.0, -0.5]),
+    );
+    let count = tiny.accessors();
+    let shapes = |targets: Value| {
+        let tiny = tiny.clone().with("/meshes/0/primitives/0/targets", targets);
+        let json = back(&tiny).0;
+        let targets = json["meshes"][0]["primitives"][0]["targets"].as_array().unwrap().clone();
+        let normals = targets.iter().map(|target| {
+            let own = &json["accessors"][target["NORMAL"].as_u64()? as usize];
+            Some((own["sparse"]["count"].as_u64(), own["min"].clone(), own["max"].clone()))
+        });
+        normals.collect::<Vec<_>>()
+    };
+    let bent = Some((Some(1), json!([0.0, 0.0, -0.5]), json!([0.25, 0.0, 0.0])));
+    assert_eq!(shapes(json!([{"POSITION": count - 2, "NORMAL": count - 1}])), [bent]);
+    assert_eq!(shapes(json!([{"POSITION": count - 2}])), [None]);
+}
+
+#[test]
 fn splines_too_long_to_be_sampled_are_told() {
     let told = |end: f32| {
         let values = [[0.0f32; 3], [0.0, 1.0, 0.0], [0.0; 3], [0.0; 3], [0.0, 2.0, 0.0], [0.0; 3]].concat();

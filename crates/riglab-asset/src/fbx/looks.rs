@@ -2,10 +2,11 @@
 
 use std::collections::{HashMap, HashSet};
 
-use ufbx::{Material, MaterialMap, Texture};
+use ufbx::{Material, MaterialMap, Mesh, Texture, WrapMode};
 
 use super::document::BOTH_SIDES;
 use super::model::{Left, unit};
+use super::shown;
 use crate::gltf::export::model::{Lie, Look, Picture};
 use crate::pictures::for_gltf;
 use crate::rigging::stem;
@@ -33,7 +34,8 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
             return *known;
         }
         let embedded: &[u8] = texture.content.as_ref();
-        let names = [&texture.relative_filename, &texture.filename].map(|name| name.to_string());
+        let names = [&texture.relative_filename, &texture.filename, &texture.absolute_filename];
+        let names = names.map(|name| name.to_string());
         let name = names.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
         // Exporters call textures after what they are for, many of one file alike.
         let of_files = names.iter().map(|name| stem(name)).find(|stem| !stem.is_empty());
@@ -48,7 +50,7 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         }
         if number.is_none() {
             let left = if there { &mut self.left.other } else { &mut self.left.missing };
-            left.push(names[0].clone());
+            left.push(name.to_owned());
         }
         self.known.insert(key, number);
         number
@@ -66,18 +68,19 @@ impl<F: Fn(&str) -> Option<Vec<u8>>> Pictures<F> {
         Some(self.found.len() - 1)
     }
 
-    /// The picture of a map and how it lies; turned ones lie straight, which is told.
+    /// The picture of a map and how it lies, by whichever set of coordinates; turned ones lie straight, which is told.
     fn placed(&mut self, map: &MaterialMap, property: &str) -> (Option<usize>, Lie) {
-        let Some(picture) = self.number(map) else { return (None, Lie::PLAIN) };
-        let Some(texture) = map.texture.as_deref().filter(|texture| texture.has_uv_transform) else {
-            return (Some(picture), Lie::PLAIN);
+        let (Some(picture), Some(texture)) = (self.number(map), map.texture.as_deref()) else {
+            return (None, Lie::PLAIN);
         };
         let m = &texture.uv_to_texture;
-        if m.m01.abs().max(m.m10.abs()) > 1e-6 * m.m00.abs().max(m.m11.abs()) {
+        let mut lie = Lie::PLAIN;
+        if texture.has_uv_transform && m.m01.abs().max(m.m10.abs()) > 1e-6 * m.m00.abs().max(m.m11.abs()) {
             self.left.maps.insert(format!("{property} (as they are turned)"));
-            return (Some(picture), Lie::PLAIN);
+        } else if texture.has_uv_transform {
+            lie = Lie::from_below([m.m00 as f32, m.m11 as f32], [m.m03 as f32, m.m13 as f32]);
         }
-        (Some(picture), Lie::from_below([m.m00 as f32, m.m11 as f32], [m.m03 as f32, m.m13 as f32]))
+        (Some(picture), Lie { ends: [texture.wrap_u, texture.wrap_v].map(|wrap| wrap == WrapMode::Clamp), ..lie })
     }
 }
 
@@ -104,6 +107,55 @@ fn amount(x: f64) -> f32 {
     if (x as f32).is_finite() { x.max(0.0) as f32 } else { 0.0 }
 }
 
+/// The maps that pictures are taken of, in the order of [`Look::lies`], with the names of their properties.
+fn mapped(material: &Material) -> [(&MaterialMap, &'static str); 3] {
+    let pbr = &material.pbr;
+    [(&pbr.base_color, "DiffuseColor"), (&pbr.normal_map, "NormalMap"), (&pbr.emission_color, "EmissiveColor")]
+}
+
+/// Looks by material and by the sets of coordinates that its pictures lie by: meshes have those of one name in other places.
+pub(super) struct Looks<'a> {
+    /// Those of the materials first, in their order.
+    pub(super) all: Vec<Look>,
+    materials: Vec<&'a Material>,
+    known: HashMap<(usize, [usize; 3]), usize>,
+}
+
+impl<'a> Looks<'a> {
+    /// Of materials with the look of each.
+    pub(super) fn new(all: Vec<Look>, materials: Vec<&'a Material>) -> Self {
+        Self { all, materials, known: HashMap::new() }
+    }
+
+    /// The look of a material on a mesh. A set that is not there is the first, which is told in `left`.
+    pub(super) fn on(&mut self, number: usize, mesh: &Mesh, left: &mut Left) -> usize {
+        let Some(&material) = self.materials.get(number) else { return number };
+        let sets = mapped(material).map(|(map, property)| {
+            // What is called so where nobody chose.
+            let named = map.texture.as_deref().map_or("", |texture| &texture.uv_set);
+            let named = Some(named).filter(|name| !["", "default"].contains(name) && mesh.uv_sets.len() > 1);
+            let at = |name: &str| (&mesh.uv_sets).into_iter().position(|set| *set.name == *name);
+            named.map_or(0, |name| {
+                at(name).unwrap_or_else(|| {
+                    left.maps.insert(format!("{property} (by the coordinates `{}`, which are not there)", shown(name)));
+                    0
+                })
+            })
+        });
+        if let Some(&known) = self.known.get(&(number, sets)) {
+            return known;
+        }
+        let is_first = !self.known.keys().any(|(known, _)| *known == number);
+        let place = if is_first { number } else { self.all.len() };
+        if !is_first {
+            self.all.push(self.all[number].clone());
+        }
+        self.all[place].lies.iter_mut().zip(sets).for_each(|(lie, set)| lie.set = set);
+        self.known.insert((number, sets), place);
+        place
+    }
+}
+
 /// What a material shows, with its pictures; `is_ours` where riglab wrote the file, of whose properties more is known.
 pub(super) fn look<F>(material: &Material, pictures: &mut Pictures<F>, is_ours: bool) -> Look
 where
@@ -112,9 +164,8 @@ where
     let plain = Look::plain(&material.element.name);
     let pbr = &material.pbr;
     let number = |map: &MaterialMap| map.has_value.then(|| unit(map.value_vec4.x));
-    let (picture, colour_lies) = pictures.placed(&pbr.base_color, "DiffuseColor");
-    let (normals, normals_lie) = pictures.placed(&pbr.normal_map, "NormalMap");
-    let (glow_picture, glow_lies) = pictures.placed(&pbr.emission_color, "EmissiveColor");
+    let [(picture, colour_lies), (normals, normals_lie), (glow_picture, glow_lies)] =
+        mapped(material).map(|(map, property)| pictures.placed(map, property));
     let colour = pbr.base_color.has_value.then_some(pbr.base_color.value_vec4).map(|c| [c.x, c.y, c.z].map(unit));
     // Where there is a picture, it is the colour: few programs multiply the two.
     let [r, g, b] = match picture {
@@ -130,7 +181,7 @@ where
     let taken: HashSet<u32> =
         [&pbr.base_color, &pbr.normal_map, &pbr.emission_color].into_iter().filter_map(key).collect();
     for of in (&material.textures).into_iter().filter(|of| !taken.contains(&of.texture.element.element_id)) {
-        pictures.left.maps.insert(super::shown(&of.material_prop));
+        pictures.left.maps.insert(shown(&of.material_prop));
     }
     let told = |map: &MaterialMap| map.has_value.then_some(map.value_vec4);
     let strength = told(&pbr.emission_factor).map_or(1.0, |factor| factor.x);

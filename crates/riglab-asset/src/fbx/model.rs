@@ -12,7 +12,7 @@ use super::clips::time;
 use super::groups::Groups;
 use super::hidden::hidden;
 use super::joints::Joints;
-use super::looks::{Pictures, look};
+use super::looks::{Looks, Pictures, look};
 use super::meshes::{Hold, MAX_POLYGON, hold, point, span};
 use super::scene::{Nodes, affine};
 use super::shapes::{in_between, shapes, swings};
@@ -85,8 +85,10 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
     left.things.append(&mut groups.left);
     let mut pictures = Pictures::new(find, left);
     let is_ours = is_maker(scene.metadata.creator.as_bytes());
-    let looks = (&scene.materials).into_iter().map(|material| look(material, &mut pictures, is_ours)).collect();
-    let mut model = Model { name: name.into(), looks, ..Model::default() };
+    let materials: Vec<&Material> = (&scene.materials).into_iter().collect();
+    let looks = materials.iter().map(|material| look(material, &mut pictures, is_ours)).collect();
+    let mut looks = Looks::new(looks, materials);
+    let mut model = Model { name: name.into(), ..Model::default() };
     let (mut origins, mut meshes) = (Vec::new(), Vec::new());
     let (mut copies, hidden) = (nodes.copies(), hidden(&nodes));
     for (number, node) in nodes.all.iter().enumerate() {
@@ -109,18 +111,20 @@ pub(crate) fn model(name: &str, bytes: &[u8], find: impl Fn(&str) -> Option<Vec<
         let of_node: Vec<usize> = (&node.materials).into_iter().map(number_of).collect();
         let of_mesh: Vec<usize> = (&mesh.materials).into_iter().map(number_of).collect();
         let materials = if of_node.is_empty() { of_mesh } else { of_node };
+        let materials: Vec<usize> = materials.into_iter().map(|of| looks.on(of, mesh, &mut pictures.left)).collect();
         let place = Place { node: number, mesh: mesh.element.typed_id as usize, primitive: 0 };
         let (patches, controls) = patches(mesh, place, &map, &materials)?;
         let vertices: usize = patches.iter().map(|patch| patch.positions.len()).sum();
         budget.show(vertices as u64 * (CORNER + 2 * more), copies)?;
         if !patches.is_empty() {
-            let shapes = shapes(mesh, &map, &controls, &budget, copies)?;
+            let shapes = shapes(mesh, &map, (&patches, &controls), &budget, copies)?;
             let (name, group, hidden) = (node.element.name.to_string(), groups.above(number), hidden[number]);
             model.objects.push(Object { name, group, hidden, patches, shapes });
             origins.push(Origin { node: number, controls });
             meshes.push(mesh);
         }
     }
+    model.looks = looks.all;
     model.groups = groups.all;
     model.pictures = pictures.found;
     let rate = scene.settings.frames_per_second as f32;
@@ -600,7 +604,7 @@ mod tests {
         let (model, left) = read("", &more, &connections);
         let look = &model.looks[0];
         assert_eq!((look.picture, look.normals, look.glow_picture), (Some(0), None, Some(1)));
-        let lie = Lie { offset: [-0.25, 1.0 - 0.25 + 0.0625], scale: [0.5, 0.25] };
+        let lie = Lie { offset: [-0.25, 1.0 - 0.25 + 0.0625], scale: [0.5, 0.25], ..Lie::PLAIN };
         assert_eq!((look.lies, look.glow, look.transparent), ([lie, Lie::PLAIN, Lie::PLAIN], [1.0; 3], true));
         let maps = ["EmissiveColor (as they are turned)", "SpecularColor"].map(String::from);
         assert_eq!((left.maps, left.other, left.missing), (maps.into(), vec!["n.tga".to_owned()], vec![]));
@@ -608,7 +612,60 @@ mod tests {
         assert_eq!(model.pictures.iter().map(|picture| picture.name.as_str()).collect::<Vec<_>>(), ["a", "e"]);
         let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
         assert!(glb.contains(r#""emissiveTexture":{"index":1}"#) && glb.contains("KHR_texture_transform"), "{glb}");
-        let (_, left) = read("", &more, &on(14, "DiffuseColor"));
-        assert_eq!((left.missing, left.other), (vec!["gone.jpg".to_owned()], vec![]));
+        // By whichever name the file gives, and found by it.
+        let absolute = |name: &str| {
+            texture(14, name, "").replace(&format!("RelativeFilename: \"{name}\""), "RelativeFilename: \"\"")
+        };
+        for more in [&more, &absolute("gone.jpg")] {
+            let (_, left) = read("", more, &on(14, "DiffuseColor"));
+            assert_eq!((left.missing, left.other), (vec!["gone.jpg".to_owned()], vec![]));
+        }
+        assert_eq!(read("", &absolute("a.png"), &on(14, "DiffuseColor")).0.looks[0].picture, Some(0));
+    }
+
+    #[test]
+    fn pictures_lie_by_the_coordinates_that_they_name_and_end_where_they_do() {
+        let own = |set: &str| {
+            format!(
+                "P: \"UVSet\", \"KString\", \"\", \"\", \"{set}\"\nP: \"WrapModeU\", \"enum\", \"\", \"\",1\n\
+                 P: \"WrapModeV\", \"enum\", \"\", \"\",0"
+            )
+        };
+        let more = texture(10, "a.png", &own("map1")) + &texture(11, "a.png", "");
+        let (model, left) = read("", &more, &(on(10, "DiffuseColor") + &on(11, "EmissiveColor")));
+        let lie = Lie { set: 1, ends: [true, false], ..Lie::PLAIN };
+        assert_eq!((model.looks[0].lies, left.maps.len()), ([lie, Lie::PLAIN, Lie::PLAIN], 0));
+        let glb = String::from_utf8_lossy(&model.into_glb().unwrap()).into_owned();
+        for part in [
+            r#""textures":[{"sampler":0,"source":0},{"sampler":1,"source":0}]"#,
+            r#""baseColorTexture":{"index":1,"texCoord":1}"#,
+            r#""emissiveTexture":{"index":0}"#,
+            r#""wrapS":33071,"wrapT":10497"#,
+        ] {
+            assert!(glb.contains(part), "{part} in {glb}");
+        }
+        // One that is not there is the first.
+        let told = |set: &str| read("", &texture(10, "a.png", &own(set)), &on(10, "DiffuseColor"));
+        assert_eq!(told("gone").0.looks[0].lies[0].set, 0);
+        let maps = "DiffuseColor (by the coordinates `gone`, which are not there)".to_owned();
+        assert_eq!((told("gone").1.maps, told("default").1.maps.len()), ([maps].into(), 0));
+    }
+
+    #[test]
+    fn a_material_on_meshes_with_their_sets_in_other_places_is_a_look_for_each() {
+        let more = texture(10, "a.png", "P: \"UVSet\", \"KString\", \"\", \"\", \"map1\"");
+        let file = String::from_utf8(file("", &more, &on(10, "DiffuseColor"))).unwrap();
+        // The mesh once more, with sets of the other's names.
+        let start = file.find("Geometry: 2,").unwrap();
+        let mesh = file[start..file.find("Geometry: 3,").unwrap()].replace("Geometry: 2,", "Geometry: 4,");
+        let mesh = mesh.replace("\"map0\"", "\"mapX\"").replace("\"map1\"", "\"map0\"").replace("\"mapX\"", "\"map1\"");
+        let node = "Model: 8, \"Model::other\", \"Mesh\" {\nVersion: 232\n}\n";
+        let file = file.replacen("Objects: {\n", &format!("Objects: {{\n{mesh}{node}"), 1);
+        let file =
+            file.replacen("Connections: {\n", "Connections: {\nC: \"OO\",8,0\nC: \"OO\",4,8\nC: \"OO\",5,8\n", 1);
+        let model = super::model("m", file.as_bytes(), find).unwrap().model;
+        let sets: Vec<usize> =
+            (model.objects.iter()).map(|object| model.looks[object.patches[0].look.unwrap()].lies[0].set).collect();
+        assert_eq!((sets.len(), sets.iter().sum::<usize>(), model.looks.len()), (2, 1, 2), "{sets:?}");
     }
 }

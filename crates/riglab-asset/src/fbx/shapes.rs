@@ -8,9 +8,9 @@ use ufbx::{BlendChannel, Mesh, Scene};
 use super::clips::{begin, called, is_of_shape, time_of_shapes};
 use crate::Fault;
 use crate::budget::Budget;
-use crate::gltf::export::model::{Shape, Swing};
+use crate::gltf::export::model::{Patch, Shape, Swing};
 
-/// Bytes of a vertex that a blend shape moves, as read and as written.
+/// Bytes of a vertex or normal that a blend shape moves, as read and as written.
 const OFFSET: u64 = 2 * 16;
 
 /// Bytes of a blend shape of a patch, most of them its lines in the document.
@@ -38,7 +38,7 @@ pub(super) fn in_between(meshes: &[&Mesh]) -> usize {
 pub(super) fn shapes(
     mesh: &Mesh,
     map: &DAffine3,
-    controls: &[Vec<u32>],
+    (patches, controls): (&[Patch], &[Vec<u32>]),
     budget: &Budget,
     copies: usize,
 ) -> Result<Vec<Shape>, Fault> {
@@ -52,29 +52,40 @@ pub(super) fn shapes(
             places.entry(*control).or_default().push((patch, vertex));
         }
     }
-    let mut shapes = Vec::new();
-    for channel in channels(mesh) {
-        let Some(last) = channel.keyframes.last() else { continue };
-        let mut offsets = vec![Vec::new(); controls.len()];
-        let mut moved = 0;
-        for (control, by) in last.shape.offset_vertices.iter().zip(&last.shape.position_offsets) {
-            let by = (map.matrix3 * DVec3::new(by.x, by.y, by.z)).as_vec3();
-            if !by.is_finite() || by == glam::Vec3::ZERO {
-                continue;
-            }
+    // What is added to values of control points, by patch and vertex.
+    let spread = |values: &[ufbx::Vec3], of: &[u32], turned: &dyn Fn(DVec3, (usize, u32)) -> DVec3| {
+        let mut moved: Vec<Vec<(u32, [f32; 3])>> = vec![Vec::new(); controls.len()];
+        for (control, by) in of.iter().zip(values) {
             for &(patch, vertex) in places.get(control).map_or(&[][..], Vec::as_slice) {
-                offsets[patch].push((vertex, by.to_array()));
-                moved += 1;
+                let by = turned(DVec3::new(by.x, by.y, by.z), (patch, vertex)).as_vec3();
+                if by.is_finite() && by != glam::Vec3::ZERO {
+                    moved[patch].push((vertex, by.to_array()));
+                }
             }
         }
-        budget.show(OFFSET * moved + SHAPE * controls.len() as u64, copies)?;
-        for own in &mut offsets {
+        for own in &mut moved {
             own.sort_unstable_by_key(|(vertex, _)| *vertex);
             own.dedup_by_key(|(vertex, _)| *vertex);
         }
+        moved
+    };
+    let of_normals = map.matrix3.inverse().transpose();
+    // The vertex's own normal was brought to length 1 when it was turned, and this is added to it then.
+    let turned_normal = |by: DVec3, (patch, vertex): (usize, u32)| {
+        let own = patches[patch].normals.get(vertex as usize).map_or(DVec3::ZERO, |&n| glam::Vec3::from(n).as_dvec3());
+        of_normals * by * (map.matrix3.transpose() * own).length()
+    };
+    let mut shapes = Vec::new();
+    for channel in channels(mesh) {
+        let Some(last) = channel.keyframes.last() else { continue };
+        let of = last.shape.offset_vertices.as_ref();
+        let offsets = spread(last.shape.position_offsets.as_ref(), of, &|by, _| map.matrix3 * by);
+        let normals = spread(last.shape.normal_offsets.as_ref(), of, &turned_normal);
+        let moved: usize = offsets.iter().chain(&normals).map(Vec::len).sum();
+        budget.show(OFFSET * moved as u64 + SHAPE * controls.len() as u64, copies)?;
         let weight = channel.weight as f32;
         let weight = if weight.is_finite() { weight } else { 0.0 };
-        shapes.push(Shape { name: channel.element.name.to_string(), weight, offsets });
+        shapes.push(Shape { name: channel.element.name.to_string(), weight, offsets, normals });
     }
     Ok(shapes)
 }

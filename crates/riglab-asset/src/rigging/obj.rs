@@ -147,9 +147,9 @@ impl Pictures<'_> {
 }
 
 /// What stands before the name of a picture, such as `-s 2 2 2`, and the name, which may have blanks. Of options, the size of
-/// the texture and its offset count.
+/// the texture, its offset and whether it ends at its border count.
 fn options(line: &str) -> (Lie, &str) {
-    let (mut scale, mut offset) = ([1.0; 2], [0.0; 2]);
+    let (mut scale, mut offset, mut ends) = ([1.0; 2], [0.0; 2], false);
     let mut rest = line.trim();
     let word = |of: &str| of.split_whitespace().next().unwrap_or_default().len();
     while rest.starts_with('-') {
@@ -170,6 +170,7 @@ fn options(line: &str) -> (Lie, &str) {
             if further.is_empty() || (most == 3 && number.is_none()) {
                 break;
             }
+            ends = if option == "-clamp" { value == "on" } else { ends };
             numbers.extend(number);
             behind = further.trim_start();
         }
@@ -181,7 +182,7 @@ fn options(line: &str) -> (Lie, &str) {
         of.into_iter().for_each(|of| of.iter_mut().zip(&numbers).for_each(|(own, told)| *own = *told));
         rest = behind;
     }
-    (Lie::from_below(scale, offset), rest)
+    (Lie { ends: [ends; 2], ..Lie::from_below(scale, offset) }, rest)
 }
 
 /// The name of a file without folder, of whichever system, and ending.
@@ -285,10 +286,11 @@ mod tests {
 
     #[test]
     fn options_before_a_picture_place_it_and_are_no_part_of_its_name() {
-        let lie = |offset, scale| Lie { offset, scale };
+        let lie = |offset, scale| Lie { offset, scale, ..Lie::PLAIN };
         // From the upper left corner: v = 1 - (4 (1 - w) + 0.25).
-        let placed = (lie([0.5, -3.25], [2.0, 4.0]), "a b.png");
+        let placed = (Lie { ends: [true; 2], ..lie([0.5, -3.25], [2.0, 4.0]) }, "a b.png");
         assert_eq!(options("-s 2 4 1 -o .5 .25 -clamp on a b.png"), placed);
+        assert_eq!(options("-clamp off a.png"), (Lie::PLAIN, "a.png"));
         assert_eq!(options("-mm 0 1 -o 0.5 -bm 2 a b.png"), (lie([0.5, 0.0], [1.0; 2]), "a b.png"));
         for plain in ["a.png", "-s 1 1 1 a.png", "-s 0 0 a.png", "-s inf a.png", "-s a.png", "-type sphere a.png"] {
             assert_eq!(options(plain), (Lie::PLAIN, "a.png"), "{plain}");

@@ -13,8 +13,10 @@ pub(super) fn stand(model: &mut Model, up: UpAxis) {
     for patch in model.objects.iter_mut().flat_map(|object| &mut object.patches) {
         patch.positions.iter_mut().chain(&mut patch.normals).for_each(|v| *v = up.to_y(*v));
     }
-    let shapes = model.objects.iter_mut().flat_map(|object| &mut object.shapes);
-    shapes.flat_map(|shape| &mut shape.offsets).flatten().for_each(|(_, by)| *by = up.to_y(*by));
+    for shape in model.objects.iter_mut().flat_map(|object| &mut object.shapes) {
+        let all = shape.offsets.iter_mut().chain(&mut shape.normals).flatten();
+        all.for_each(|(_, by)| *by = up.to_y(*by));
+    }
     turn_groups(model, up);
 }
 
@@ -60,7 +62,8 @@ mod tests {
         };
         for up in UpAxis::ALL {
             let patch = Patch { positions: vec![[1.0, 2.0, 3.0]], normals: vec![[0.0, 0.0, 1.0]], ..Patch::default() };
-            let shape = Shape { name: String::new(), weight: 0.0, offsets: vec![vec![(0, [0.0, 0.0, 2.0])]] };
+            let by = vec![vec![(0, [0.0, 0.0, 2.0])]];
+            let shape = Shape { offsets: by.clone(), normals: by, ..Shape::default() };
             let body = Object {
                 name: String::new(),
                 group: Some(0),
@@ -74,7 +77,8 @@ mod tests {
             let patch = &model.objects[0].patches[0];
             assert_eq!(patch.positions[0], up.to_y([1.0, 2.0, 3.0]));
             assert_eq!(patch.normals[0], up.to_y([0.0, 0.0, 1.0]));
-            assert_eq!(model.objects[0].shapes[0].offsets[0][0].1, up.to_y([0.0, 0.0, 2.0]));
+            let shape = &model.objects[0].shapes[0];
+            assert_eq!([shape.offsets[0][0].1, shape.normals[0][0].1], [up.to_y([0.0, 0.0, 2.0]); 2]);
             assert_eq!(model.groups[0].place, DAffine3::IDENTITY, "{up}");
             // What hangs on each stands where it would have been turned to.
             let hung = DVec3::new(0.25, 0.5, 1.0);

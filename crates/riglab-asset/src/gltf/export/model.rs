@@ -1,6 +1,6 @@
 //! A document of a model that comes from another format: surfaces with their looks, and no rig.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::{DAffine3, DQuat, DVec3};
 use serde_json::{Value, json};
@@ -12,6 +12,13 @@ use crate::maker::MAKER;
 
 /// The extension that says how much brighter than white something glows.
 const BRIGHTNESS: &str = "KHR_materials_emissive_strength";
+
+/// What a sampler says of a picture's border.
+const REPEATED: u32 = 10497;
+const CLAMPED: u32 = 33071;
+
+/// Textures by picture and the ways in which it ends along u and v.
+type Textures = HashMap<(usize, [bool; 2]), usize>;
 
 /// What other formats say of a model.
 #[derive(Debug, Default)]
@@ -57,14 +64,23 @@ pub(crate) struct Object {
     pub(crate) shapes: Vec<Shape>,
 }
 
-/// A blend shape: what it adds to positions at its full weight.
-#[derive(Debug)]
+/// A blend shape: what it adds to positions and normals at its full weight.
+#[derive(Debug, Default)]
 pub(crate) struct Shape {
     pub(crate) name: String,
     /// How much of it is seen where nothing says otherwise.
     pub(crate) weight: f32,
     /// By patch, the vertices that it moves, rising, and how.
     pub(crate) offsets: Vec<Vec<(u32, [f32; 3])>>,
+    /// The same of normals; nothing where it leaves them alone.
+    pub(crate) normals: Vec<Vec<(u32, [f32; 3])>>,
+}
+
+impl Shape {
+    /// Whether it says something of normals.
+    fn bends(&self) -> bool {
+        self.normals.iter().any(|own| !own.is_empty())
+    }
 }
 
 /// Triangles of one look. Lists other than positions are empty or as long as those.
@@ -112,16 +128,25 @@ pub(crate) struct Look {
 pub(crate) struct Lie {
     pub(crate) offset: [f32; 2],
     pub(crate) scale: [f32; 2],
+    /// The set of texture coordinates.
+    pub(crate) set: usize,
+    /// Whether it ends at its border, along u and v, in place of coming again.
+    pub(crate) ends: [bool; 2],
 }
 
 impl Lie {
-    pub(crate) const PLAIN: Self = Self { offset: [0.0; 2], scale: [1.0; 2] };
+    pub(crate) const PLAIN: Self = Self { offset: [0.0; 2], scale: [1.0; 2], set: 0, ends: [false; 2] };
 
     /// Of a scale and an offset after it, both of coordinates from the lower left corner; plain where they say nothing.
     pub(crate) fn from_below([su, sv]: [f32; 2], [u, v]: [f32; 2]) -> Self {
-        let lie = Self { offset: [u, 1.0 - sv - v], scale: [su, sv] };
+        let lie = Self { offset: [u, 1.0 - sv - v], scale: [su, sv], ..Self::PLAIN };
         let sound = [lie.offset, lie.scale].as_flattened().iter().all(|x| x.is_finite()) && su != 0.0 && sv != 0.0;
         if sound { lie } else { Self::PLAIN }
+    }
+
+    /// Whether coordinates are looked up elsewhere than they say.
+    fn is_moved(&self) -> bool {
+        (self.offset, self.scale) != (Self::PLAIN.offset, Self::PLAIN.scale)
     }
 }
 
@@ -154,10 +179,15 @@ impl Look {
         self.glow.into_iter().fold(0.0, f32::max)
     }
 
+    /// The pictures that it shows, and how they lie.
+    fn shown(&self) -> impl Iterator<Item = (usize, Lie)> {
+        let pictures = [self.picture, self.normals, self.glow_picture];
+        pictures.into_iter().zip(self.lies).filter_map(|(picture, lie)| Some((picture?, lie)))
+    }
+
     /// Whether a picture lies on the surface otherwise than texture coordinates say.
     fn is_placed(&self) -> bool {
-        let pictures = [self.picture, self.normals, self.glow_picture];
-        pictures.iter().zip(&self.lies).any(|(picture, lie)| picture.is_some() && *lie != Lie::PLAIN)
+        self.shown().any(|(_, lie)| lie.is_moved())
     }
 }
 
@@ -222,16 +252,7 @@ impl Model {
     /// As a GLB; its length where that is more than the format can say.
     pub(crate) fn into_glb(self) -> Result<Vec<u8>, usize> {
         let mut draft = Draft::new(json!({"asset": {"version": "2.0", "generator": MAKER}, "scene": 0}));
-        for picture in &self.pictures {
-            let view = draft.view(&picture.bytes, None, None);
-            let kind = picture_type(&picture.bytes);
-            let image = draft.push("images", json!({"name": picture.name, "bufferView": view, "mimeType": kind}));
-            draft.push("textures", json!({"source": image, "sampler": 0}));
-        }
-        if !self.pictures.is_empty() {
-            // Repeated, with mipmaps: what OBJ and FBX mean where they say nothing.
-            draft.push("samplers", json!({"wrapS": 10497, "wrapT": 10497, "minFilter": 9987, "magFilter": 9729}));
-        }
+        let textures = self.textures(&mut draft);
         if self.looks.iter().any(Look::is_placed) {
             draft.uses("KHR_texture_transform");
         }
@@ -239,13 +260,22 @@ impl Model {
             draft.uses(BRIGHTNESS);
         }
         for look in &self.looks {
-            draft.push("materials", material(look));
+            draft.push("materials", material(look, &textures));
         }
         let mut nodes = Vec::with_capacity(self.objects.len());
         for object in &self.objects {
             let mut patches: Vec<Value> = object.patches.iter().map(|patch| primitive(&mut draft, patch)).collect();
+            // Programs expect all shapes of a mesh to say it, or none.
+            let bend = object.shapes.iter().any(Shape::bends);
             for ((own, patch), at) in patches.iter_mut().zip(&object.patches).zip(0..) {
-                let target = |shape: &Shape| json!({"POSITION": offsets(&mut draft, patch.positions.len(), shape.offsets.get(at))});
+                let count = patch.positions.len();
+                let target = |shape: &Shape| {
+                    let mut target = json!({"POSITION": offsets(&mut draft, count, shape.offsets.get(at))});
+                    if bend && !patch.normals.is_empty() {
+                        target["NORMAL"] = json!(offsets(&mut draft, count, shape.normals.get(at)));
+                    }
+                    target
+                };
                 let targets: Vec<Value> = object.shapes.iter().map(target).collect();
                 if !targets.is_empty() {
                     own["targets"] = json!(targets);
@@ -295,6 +325,36 @@ impl Model {
         draft.push("scenes", scene);
         draft.into_glb()
     }
+
+    /// Adds the pictures, each with a texture for each way in which materials let it end.
+    fn textures(&self, draft: &mut Draft) -> Textures {
+        let mut ends: Vec<BTreeSet<[bool; 2]>> = vec![BTreeSet::new(); self.pictures.len()];
+        for (picture, lie) in self.looks.iter().flat_map(Look::shown) {
+            ends[picture].insert(lie.ends);
+        }
+        // What is shown by none is there all the same.
+        for own in ends.iter_mut().filter(|own| own.is_empty()) {
+            own.insert(Lie::PLAIN.ends);
+        }
+        let samplers: BTreeSet<[bool; 2]> = ends.iter().flatten().copied().collect();
+        let mut textures = Textures::new();
+        for (number, (picture, ends)) in self.pictures.iter().zip(ends).enumerate() {
+            let view = draft.view(&picture.bytes, None, None);
+            let kind = picture_type(&picture.bytes);
+            let image = draft.push("images", json!({"name": picture.name, "bufferView": view, "mimeType": kind}));
+            for ends in ends {
+                let sampler = samplers.range(..ends).count();
+                let texture = draft.push("textures", json!({"source": image, "sampler": sampler}));
+                textures.insert((number, ends), texture);
+            }
+        }
+        for ends in samplers {
+            // Repeated, with mipmaps: what OBJ and FBX mean where they say nothing.
+            let [s, t] = ends.map(|ends| if ends { CLAMPED } else { REPEATED });
+            draft.push("samplers", json!({"wrapS": s, "wrapT": t, "minFilter": 9987, "magFilter": 9729}));
+        }
+        textures
+    }
 }
 
 impl Group {
@@ -338,7 +398,7 @@ fn numbered<'a, T>(first: &'a [T], more: &'a [Vec<T>]) -> impl Iterator<Item = (
     first.into_iter().chain(more.iter().map(Vec::as_slice)).zip(0..)
 }
 
-/// An accessor of what is added to `count` positions, with those alone that are moved.
+/// An accessor of what is added to `count` positions or normals, with those alone that are moved.
 fn offsets(draft: &mut Draft, count: usize, moved: Option<&Vec<(u32, [f32; 3])>>) -> usize {
     let moved = moved.map_or(&[][..], Vec::as_slice);
     let bound = |pick: fn(f32, f32) -> f32| -> [f32; 3] {
@@ -367,15 +427,18 @@ fn floats(draft: &mut Draft, all: &[f32], layout: Layout) -> usize {
     draft.accessor(&bytes, layout, Some(ARRAY))
 }
 
-fn texture(picture: usize, lie: Lie) -> Value {
-    if lie == Lie::PLAIN {
-        return json!({"index": picture});
+fn texture(picture: usize, lie: Lie, textures: &Textures) -> Value {
+    let mut info = json!({"index": textures[&(picture, lie.ends)]});
+    if lie.set > 0 {
+        info["texCoord"] = json!(lie.set);
     }
-    let Lie { offset, scale } = lie;
-    json!({"index": picture, "extensions": {"KHR_texture_transform": {"offset": offset, "scale": scale}}})
+    if lie.is_moved() {
+        info["extensions"] = json!({"KHR_texture_transform": {"offset": lie.offset, "scale": lie.scale}});
+    }
+    info
 }
 
-fn material(look: &Look) -> Value {
+fn material(look: &Look, textures: &Textures) -> Value {
     let [colour_lies, normals_lie, glow_lies] = look.lies;
     let mut surface = json!({
         "baseColorFactor": look.colour,
@@ -383,17 +446,17 @@ fn material(look: &Look) -> Value {
         "roughnessFactor": look.roughness,
     });
     if let Some(picture) = look.picture {
-        surface["baseColorTexture"] = texture(picture, colour_lies);
+        surface["baseColorTexture"] = texture(picture, colour_lies, textures);
     }
     let mut all = json!({"name": look.name, "pbrMetallicRoughness": surface});
     if let Some(picture) = look.normals {
-        all["normalTexture"] = texture(picture, normals_lie);
+        all["normalTexture"] = texture(picture, normals_lie, textures);
         if look.bumps != 1.0 {
             all["normalTexture"]["scale"] = json!(look.bumps);
         }
     }
     if let Some(picture) = look.glow_picture {
-        all["emissiveTexture"] = texture(picture, glow_lies);
+        all["emissiveTexture"] = texture(picture, glow_lies, textures);
     }
     if look.glow != [0.0; 3] {
         // A factor is 1 at most.
