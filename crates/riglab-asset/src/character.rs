@@ -120,6 +120,11 @@ impl Reading {
                 let own: Vec<usize> = all.into_iter().filter(|number| numbers.contains(number)).collect();
                 (!own.is_empty()).then_some(Warning::Bent { skins: own })
             }
+            Warning::Reshaped { skins: all, squashed, mirrored } => {
+                let numbers: HashSet<usize> = skins.iter().map(|skin| skin.number).collect();
+                let own: Vec<usize> = all.into_iter().filter(|number| numbers.contains(number)).collect();
+                (!own.is_empty()).then_some(Warning::Reshaped { skins: own, squashed, mirrored })
+            }
             Warning::RestIsNotBind { .. } => {
                 Posed::warning(skins.iter().filter_map(|skin| Some((skin.number, skin.posed?))))
             }

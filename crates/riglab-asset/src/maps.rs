@@ -28,6 +28,29 @@ pub(crate) fn is_mirrored(map: &DAffine3) -> bool {
     map.matrix3.determinant() < 0.0
 }
 
+/// What a map does to a shape, beside turning it and making all of it larger or smaller.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Reshaped {
+    pub(crate) squashed: bool,
+    pub(crate) mirrored: bool,
+}
+
+impl Reshaped {
+    pub(crate) fn by(map: &DAffine3) -> Self {
+        /// A stretch of a hundredth more than in another direction.
+        const SEEN: f64 = 0.02;
+        // Of a turn times a size this is the square of the size, in all directions alike.
+        let squares = map.matrix3.transpose() * map.matrix3;
+        let mean = (squares.x_axis.x + squares.y_axis.y + squares.z_axis.z) / 3.0;
+        let squashed = !squares.abs_diff_eq(DMat3::from_diagonal(DVec3::splat(mean)), SEEN * mean);
+        Self { squashed, mirrored: is_mirrored(map) }
+    }
+
+    pub(crate) fn is_any(&self) -> bool {
+        self.squashed || self.mirrored
+    }
+}
+
 /// Tells whether two maps do the same to a mesh, as far as its bounding box shows.
 pub(crate) struct Likeness {
     corners: [DVec3; 8],

@@ -26,6 +26,15 @@ pub enum Warning {
         /// Which skins.
         skins: Vec<usize>,
     },
+    /// At rest a mesh has another shape than the file shows: scales of joints, which rest leaves out, squash or mirror it.
+    Reshaped {
+        /// Which skins.
+        skins: Vec<usize>,
+        /// Whether any is larger in one direction than in another, by what the file shows.
+        squashed: bool,
+        /// Whether left and right are exchanged.
+        mirrored: bool,
+    },
     /// Joints or nodes above them have a scale of 0: what lies below stands nowhere, so the bind
     /// pose alone was read.
     ZeroScale {
@@ -230,6 +239,19 @@ impl Warning {
                  the mesh was left as stored and the joints put where it was bound",
                 Some3(&numbered("skin", skins))
             ),
+            Self::Reshaped { skins, squashed, mirrored } => {
+                let shape = match (squashed, mirrored) {
+                    (true, true) => "squashed and mirrored",
+                    (false, true) => "mirrored",
+                    _ => "squashed",
+                };
+                write!(
+                    f,
+                    "at rest the model is {shape} by what the file shows ({}), as scales of joints are left out there; apply them \
+                     in the program that it comes from",
+                    Some3(&numbered("skin", skins))
+                )
+            }
             Self::ZeroScale { nodes } => write!(
                 f,
                 "joints, or nodes above them, have a scale of 0 ({}); only their bind pose was read",

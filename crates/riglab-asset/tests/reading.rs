@@ -140,6 +140,64 @@ fn a_model_that_is_shown_in_another_size_than_it_was_bound_says_so() {
     assert!(resized(&renamed.notes), "{:?}", renamed.notes);
 }
 
+/// The hips have a scale that their inverse bind matrices undo, and a mesh hangs on the tip.
+fn scaled(scale: [f32; 3]) -> Tiny {
+    let matrix = |y: f32| {
+        let [a, b, c] = scale.map(|s| 1.0 / s);
+        [[a, 0.0, 0.0, 0.0], [0.0, b, 0.0, 0.0], [0.0, 0.0, c, 0.0], [0.0, y, 0.0, 1.0f32]].concat()
+    };
+    // The hips at 1, and the tip as much above as the scale says.
+    let binds = [matrix(-1.0 / scale[1]), matrix(-1.0 / scale[1] - 1.0)].concat();
+    let tiny =
+        Tiny::new().with_accessor(5126, "MAT4", 2, &binds.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>());
+    tiny.with("/skins/0/inverseBindMatrices", json!(5))
+        .with("/nodes/1/scale", json!(scale))
+        .with("/nodes/2/children", json!([3]))
+        .with("/nodes/-", json!({"mesh": 1, "name": "hat"}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION}, "indices": INDICES}]}))
+}
+
+/// Six times the volumes of its two bodies, which are above 0 where they face outwards.
+fn volumes(imported: &Imported) -> [f32; 2] {
+    let places = imported.mesh().positions();
+    let volume = |first: u32| {
+        let own = imported.mesh().triangles().iter().filter(|t| t[0] / 4 == first);
+        own.map(|t| t.map(|v| glam::Vec3::from(places[v as usize]))).map(|[a, b, c]| a.dot(b.cross(c))).sum()
+    };
+    [volume(0), volume(1)]
+}
+
+#[test]
+fn what_is_shown_as_it_was_bound_is_not_mirrored_by_scales_of_joints() {
+    let stored = read(&Tiny::new());
+    for scale in [[-1.0, 1.0, 1.0], [-1.0, 0.5, 3.0]] {
+        let imported = read(&scaled(scale));
+        assert_eq!(imported.mesh().positions()[..4], *stored.mesh().positions(), "{scale:?}");
+        let heads = imported.rig().unwrap().skeleton().heads();
+        assert_eq!(heads, [[0.0, 1.0, 0.0], [0.0, 1.0 + scale[1], 0.0]]);
+        assert!(matches!(imported.warnings(), [Warning::RigidParts { .. }]), "{:?}", imported.warnings());
+        // What hangs on the tip is as large as that makes it.
+        let [body, hat] = volumes(&imported);
+        let times: f32 = scale.iter().product::<f32>().abs();
+        assert!((body - 2.5).abs() < 1e-5 && (hat - 2.5 * times).abs() < 1e-4, "{scale:?}: {body} {hat}");
+    }
+}
+
+#[test]
+fn where_rest_squashes_or_mirrors_a_mesh_it_says_so_and_faces_outwards() {
+    // Shown as it was bound, it is in no other pose.
+    let told: Vec<String> = read(&scaled([1.0, 2.0, 1.0])).warnings().iter().map(Warning::to_string).collect();
+    assert!(told.len() == 2 && told[0].contains("is squashed by what the file shows (skin 0)"), "{told:?}");
+    // The tip stands elsewhere than it was bound.
+    for (scale, said) in [([1.0, 2.0, 1.0], "is squashed by"), ([-1.0, 1.0, 1.0], "is mirrored by")] {
+        let imported = read(&scaled(scale).with("/nodes/2/rotation", json!([0.0, 0.0, 0.6, 0.8])));
+        let told: Vec<String> = imported.warnings().iter().map(Warning::to_string).collect();
+        assert!(told.iter().any(|told| told.contains(said)), "{told:?}");
+        assert!(told.iter().all(|told| !told.contains("of the size")), "{told:?}");
+        assert!(volumes(&imported).iter().all(|volume| *volume > 0.0), "{:?}", volumes(&imported));
+    }
+}
+
 #[test]
 fn rigid_parts_go_into_the_bind_pose_with_their_joint() {
     // The tip is bent and turned over in the nodes; a mesh hangs on it, one up.

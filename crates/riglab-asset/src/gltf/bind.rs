@@ -12,7 +12,9 @@
 //!    of one skin where one has both, as each skin starts from the space of its own mesh; where none
 //!    has, and both skins show their bind pose, the node's own part, if it has no scale, is that pose's.
 //! 3. All is placed by the armature's transform. That of the node that holds the mesh plays no part.
-//! 4. Beyond Blender: bind pose times inverse bind matrix must be one map for all joints of a skin, or
+//! 4. Beyond Blender: where scales that are left out so would mirror what the file shows, and all skins are shown in their bind
+//!    pose, bones stand at rest as their nodes do, scales and all. What is squashed alone stays so, as in Blender.
+//! 5. Beyond Blender: bind pose times inverse bind matrix must be one map for all joints of a skin, or
 //!    the rest pose would bend the mesh. If it is not, that of the first top joint serves for all, or
 //!    that of a joint that another skin moved for the same reason; skins of the joints that were moved
 //!    go with them.
@@ -27,7 +29,7 @@ use super::nodes::{Nodes, rigid};
 use super::primitives::Sources;
 use super::skins::{Skin, Skins};
 use crate::Warning;
-use crate::maps::{FLAT, Likeness, SAME, SkinBox, corners, is_flat};
+use crate::maps::{FLAT, Likeness, Reshaped, SAME, SkinBox, corners, is_flat};
 use crate::reading::Posed;
 
 /// Where joints and vertices are at rest.
@@ -40,6 +42,8 @@ pub(super) struct Binds {
     shown_off: DVec3,
     /// How the nodes show each skin, where that is another pose.
     posed: Vec<Option<Posed>>,
+    /// Whether rest mirrors what the nodes show of each skin.
+    mirrors: Vec<bool>,
 }
 
 impl Binds {
@@ -54,12 +58,17 @@ impl Binds {
         let bones = bones(nodes, skins);
         let known = InverseBinds::of(nodes, skins, &boxes);
         let mut frames = frames(nodes, &bones, &known);
+        if stands_as_shown(nodes, skins, &boxes, &known, &frames) {
+            (0..nodes.len()).filter(|&node| bones[node]).for_each(|node| frames[node] = Some(*nodes.global(node)));
+        }
         let common = nodes.common(skins.joint_nodes().iter().copied());
         let origin = frames[common].unwrap_or(*nodes.global(common)).translation;
         let origin = if origin.as_vec3().is_finite() { origin } else { DVec3::ZERO };
 
         let (maps, bent) = straighten(nodes, skins, &boxes, &mut frames);
         let mut posed = vec![None; skins.len()];
+        let reshaped: Vec<Reshaped> =
+            (skins.iter().zip(&maps)).map(|(skin, maps)| reshaped(nodes, skin, maps)).collect();
         // What the first skin says of that; whether all say the same.
         let (mut shown_off, mut agreed) = (None, true);
         for (number, skin) in skins.iter().enumerate() {
@@ -82,7 +91,10 @@ impl Binds {
                 let first = *shown_off.get_or_insert(if like.same(&by(shift), &top) { DVec3::ZERO } else { shift });
                 agreed &= like.same(&by(first), &by(shift));
             } else {
-                let size = larger(&(*nodes.global(skin.joints[slot]) * inverse[slot]), &top);
+                let size = match reshaped[number].squashed {
+                    true => 1.0,
+                    false => larger(&shown_by(nodes, skin, slot), &top),
+                };
                 let off = skin.joints.iter().map(|&joint| apart(nodes, &frames, joint, &like)).fold(0.0, f64::max);
                 // Of what is shown in another size all is elsewhere.
                 posed[number] = Some(Posed { size, off: if size == 1.0 { off } else { 0.0 } });
@@ -93,8 +105,19 @@ impl Binds {
         if !bent.is_empty() {
             warnings.push(Warning::Bent { skins: bent });
         }
-        warnings.extend(Posed::warning((0..).zip(&posed).filter_map(|(skin, posed)| Some((skin, (*posed)?)))));
-        Self { maps, frames, origin, shown_off, posed }
+        // Of what is shown in its bind pose only the shape is another.
+        let is_pose = |skin: &usize| !(reshaped[*skin].is_any() && known.shown[*skin]);
+        let told = (0..skins.len()).filter(is_pose).filter_map(|skin| Some((skin, posed[skin]?)));
+        warnings.extend(Posed::warning(told));
+        let mirrors = reshaped.iter().map(|own| own.mirrored).collect();
+        let has_mesh = |number: &usize| boxes[*number].is_some();
+        let told: Vec<usize> = (0..skins.len()).filter(has_mesh).filter(|&skin| reshaped[skin].is_any()).collect();
+        if !told.is_empty() {
+            let any = |what: fn(&Reshaped) -> bool| told.iter().any(|&skin| what(&reshaped[skin]));
+            let (squashed, mirrored) = (any(|own| own.squashed), any(|own| own.mirrored));
+            warnings.push(Warning::Reshaped { skins: told, squashed, mirrored });
+        }
+        Self { maps, frames, origin, shown_off, posed, mirrors }
     }
 
     /// From mesh space to the scene, by slot of a skin.
@@ -134,6 +157,11 @@ impl Binds {
     /// How the nodes show a skin, where that is another pose than the one it was bound in.
     pub(super) fn posed(&self, skin: usize) -> Option<Posed> {
         self.posed[skin]
+    }
+
+    /// Whether rest mirrors what the nodes show of a skin, which turns its surfaces inside out.
+    pub(super) fn mirrors(&self, skin: usize) -> bool {
+        self.mirrors[skin]
     }
 
     /// How far the nodes show all skins from where they are at rest, if that is the same for all and the pose is, too.
@@ -241,6 +269,43 @@ fn frames(nodes: &Nodes, bones: &[bool], known: &InverseBinds<'_>) -> Vec<Option
         frames[node] = Some(above * local);
     }
     frames
+}
+
+/// Whether bones are to stand at rest as their nodes do: these show all skins in their bind pose and own shape, and one of them
+/// is mirrored in `frames`.
+fn stands_as_shown(
+    nodes: &Nodes,
+    skins: &Skins,
+    boxes: &[SkinBox],
+    known: &InverseBinds<'_>,
+    frames: &[Option<DAffine3>],
+) -> bool {
+    let flat = |node: usize| frames[node].is_some() && is_flat(&nodes.global(node).matrix3, FLAT);
+    let is_shown = |number: usize, skin: &Skin| {
+        let is_bound = skin.inverse_binds.is_none() || known.shown[number];
+        is_bound && !Reshaped::by(&shown_by(nodes, skin, top_joint(nodes, skin))).is_any()
+    };
+    let bound = || skins.iter().enumerate().filter(|(number, _)| boxes[*number].is_some());
+    bound().any(|(_, skin)| reshaped(nodes, skin, &skin_maps(skin, frames)).mirrored)
+        && bound().all(|(number, skin)| is_shown(number, skin))
+        && !(0..nodes.len()).any(flat)
+}
+
+/// Where the nodes show a skin, by one of its joints.
+fn shown_by(nodes: &Nodes, skin: &Skin, slot: usize) -> DAffine3 {
+    let inverse = skin.inverse_binds.as_ref().map_or(DAffine3::IDENTITY, |all| all[slot]);
+    *nodes.global(skin.joints[slot]) * inverse
+}
+
+/// How some maps of a skin reshape it that its nodes show in its own shape.
+fn reshaped(nodes: &Nodes, skin: &Skin, maps: &[DAffine3]) -> Reshaped {
+    let slot = top_joint(nodes, skin);
+    let shown = shown_by(nodes, skin, slot);
+    if is_flat(&shown.matrix3, FLAT) {
+        return Reshaped::default();
+    }
+    let (shown, own) = (Reshaped::by(&shown), Reshaped::by(&maps[slot]));
+    Reshaped { squashed: own.squashed && !shown.squashed, mirrored: own.mirrored && !shown.mirrored }
 }
 
 /// The maps of each skin by slot, and the skins whose joints would bend their mesh: these are moved to where the mesh was

@@ -246,10 +246,9 @@ impl Subject {
             } else {
                 notes.push(SubjectNote::RigIgnored { joints: reading.joints.len() });
                 // The model stands as it was bound then, not as the file shows it.
-                let moved = reading
-                    .warnings
-                    .iter()
-                    .filter(|w| matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. }));
+                let moved = reading.warnings.iter().filter(|w| {
+                    matches!(w, Warning::RestIsNotBind { .. } | Warning::Bent { .. } | Warning::Reshaped { .. })
+                });
                 notes.extend(moved.cloned().map(SubjectNote::Read));
                 let bare = gltf::export::strip(bytes, folder, &reading).map_err(|e| fail(fault(e)))?;
                 notes.extend(bare.notes.into_iter().map(SubjectNote::Stripped));
@@ -546,11 +545,11 @@ fn turned_mesh(mesh: &Mesh, by: Turn) -> Result<Mesh, RigError> {
 fn turned_skeleton(skeleton: &Skeleton, by: Turn, turn: fn(Turn, Vec3) -> Vec3) -> Result<Skeleton, RigError> {
     skeleton.with_heads(skeleton.heads().iter().map(|p| turn(by, *p)).collect())
 }
+
 /// A rig of a file with some axis up, as its document has it.
 pub(crate) fn stood(rig: &Rig, up: UpAxis) -> Result<Rig, RigError> {
     turned_rig(rig, up.into(), Turn::onto_mesh)
 }
-
 
 /// A rig in other axes. Springs, whose directions are told in more ways than one, go along only where nothing turns;
 /// the document keeps its own.

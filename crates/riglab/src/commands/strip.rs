@@ -52,7 +52,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         overwrite.keep_others(output, Written::Glb)?;
     }
     for warning in import(input, &ImportOptions::default())?.warnings() {
-        if matches!(warning, Warning::RestIsNotBind { .. } | Warning::Bent { .. } | Warning::Instanced { .. }) {
+        let told = matches!(
+            warning,
+            Warning::RestIsNotBind { .. } | Warning::Bent { .. } | Warning::Reshaped { .. } | Warning::Instanced { .. }
+        );
+        if told {
             tell!("warning: {}: {warning}", input.display());
         }
     }

@@ -127,10 +127,10 @@ impl<'a, 'd> Reader<'a, 'd> {
     }
 
     /// Whether the triangles of a skinned mesh face outwards when they are turned round: its node says so where it mirrors
-    /// (3.7.4 of glTF 2.0), in lists what binds it.
+    /// (3.7.4 of glTF 2.0), and so does rest where it mirrors what is shown; in lists what binds it.
     fn is_turned(&self, node: usize, skin: usize) -> bool {
         let bound = self.is_bound(skin) && self.places.binds.maps(skin).first().is_some_and(is_mirrored);
-        is_mirrored(self.places.nodes.global(node)) != bound
+        is_mirrored(self.places.nodes.global(node)) ^ self.places.binds.mirrors(skin) ^ bound
     }
 
     /// Whether a skin says where its mesh was bound. Else points are given in the spaces of their joints.

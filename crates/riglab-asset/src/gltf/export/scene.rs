@@ -180,7 +180,10 @@ impl Scene {
                 set: number,
                 vertices,
                 map,
-                turned: is_mirrored(source.skin.map_or(&map, |_| nodes.global(source.place.node))),
+                turned: match source.skin {
+                    Some(skin) => is_mirrored(nodes.global(source.place.node)) ^ binds.mirrors(skin),
+                    None => is_mirrored(&map),
+                },
                 weights,
                 lacks,
             });
