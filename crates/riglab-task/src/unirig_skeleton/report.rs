@@ -55,14 +55,15 @@ pub fn lines(report: &Report) -> Vec<String> {
     out.extend(drawn(report));
     for split in splits(report) {
         let rows: Vec<&Row> = report.rows.iter().filter(|r| r.split == split).collect();
+        let width = rows.iter().map(|r| r.method.chars().count()).max().unwrap_or(0).max(12);
         out.push(format!("\n{split} ({})", counted(rows.first().map_or(0, |r| r.assets), "asset")));
         out.push(format!(
-            "{:12} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>6} {:>9}",
+            "{:width$} {:>8} {:>7} {:>7} {:>7} {:>7} {:>9} {:>6} {:>9}",
             "method", "compared", "J2J", "J2B", "B2B", "valid", "joints", "true", "off"
         ));
         for r in rows {
             out.push(format!(
-                "{:12} {:>8} {:>7.2} {:>7.2} {:>7.2} {:>6.1}% {:>9.1} {:>6.1} {:>8.1}%",
+                "{:width$} {:>8} {:>7.2} {:>7.2} {:>7.2} {:>6.1}% {:>9.1} {:>6.1} {:>8.1}%",
                 r.method,
                 r.compared,
                 100.0 * r.j2j,
@@ -234,5 +235,37 @@ impl Evaluation {
             text += &format!(" {:>7} {:>7}  {}\n", a.joints, a.true_joints, a.name);
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_stand_below_each_other_whatever_methods_are_called() {
+        let row = |method: &str| Row {
+            split: "test".into(),
+            method: method.into(),
+            assets: 3,
+            compared: 3,
+            j2j: 0.05,
+            j2b: 0.04,
+            b2b: 0.03,
+            valid: 1.0,
+            joints: 20.0,
+            true_joints: 21.0,
+            joints_off: 0.1,
+        };
+        let of = |methods: &[&str]| {
+            let rows = methods.iter().map(|method| row(method)).collect();
+            let report =
+                Report { convention: "unirig".into(), consensus: 1, draws: String::new(), rows, assets: Vec::new() };
+            let table = lines(&report).split_off(2);
+            assert!(table.iter().all(|line| line.len() == table[0].len()), "{table:#?}");
+            table[0].clone()
+        };
+        assert!(of(&["model", "retrieval"]).starts_with("method       compared"));
+        of(&["model", "model, 50 % of joints given", "50 % of joints given, alone"]);
     }
 }
