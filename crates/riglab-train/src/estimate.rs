@@ -39,7 +39,9 @@ pub struct Estimate {
     pub step_seconds: f64,
     /// Share of the time that it waited for them, caches being empty.
     pub waiting: f64,
-    /// Seconds of a validation.
+    /// Seconds of the first validation, which also does what is done once: what it makes ready is kept.
+    pub first_validation_seconds: f64,
+    /// Seconds of each that follows; of the only one where none does.
     pub validation_seconds: f64,
     /// Seconds of the whole run.
     pub seconds: f64,
@@ -47,7 +49,7 @@ pub struct Estimate {
     pub timed: u64,
 }
 
-/// Goes through a few steps and a validation. Nothing is written; the task's weights are changed.
+/// Goes through a few steps and two validations, or the only one. Nothing is written; the task's weights are changed.
 ///
 /// # Errors
 /// What [`crate::train`] would stop at.
@@ -90,14 +92,17 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
     let step_seconds = took.saturating_sub(waited).as_secs_f64() / timed as f64;
     // The last step is validated in any case.
     let validations = if config.validate_every == 0 { 1 } else { config.steps.div_ceil(config.validate_every) };
-    let validation_seconds = {
+    let validate = || {
         let start = Instant::now();
         let _no_grad = tch::no_grad_guard();
         let at = At { seed: config.seed, step, batch: step * config.accumulate, ranks: &ALONE };
         task.validate(stepper.weights(params), at).map_err(TrainError::Task)?;
-        start.elapsed().as_secs_f64()
+        Ok::<_, TrainError>(start.elapsed().as_secs_f64())
     };
-    let seconds = config.steps as f64 * step_seconds + validations as f64 * validation_seconds;
+    let first_validation_seconds = validate()?;
+    let validation_seconds = if validations > 1 { validate()? } else { first_validation_seconds };
+    let validating = first_validation_seconds + (validations - 1) as f64 * validation_seconds;
+    let seconds = config.steps as f64 * step_seconds + validating;
     Ok(Estimate {
         parameters: params.numel(),
         parts: parts(params),
@@ -107,6 +112,7 @@ pub fn estimate<T: Task>(task: &T, config: &TrainConfig) -> Result<Estimate, Tra
         flops: flops as f64,
         step_seconds,
         waiting: waited.as_secs_f64() / took.as_secs_f64().max(1e-9),
+        first_validation_seconds,
         validation_seconds,
         seconds,
         timed,

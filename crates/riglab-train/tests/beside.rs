@@ -128,3 +128,24 @@ fn an_estimate_is_of_the_last_steps() {
     assert!(of(1000, 900).is_err());
     assert!(of(5, 0).is_err(), "a short run has no later ones");
 }
+
+#[test]
+fn an_estimate_counts_once_what_the_first_validation_makes_ready() {
+    let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|e| e.into_inner());
+    tch::set_num_threads(1);
+    let of = |validate_every: u64| {
+        let mut task = Products::new();
+        task.readied_in = std::time::Duration::from_secs(2);
+        let config = TrainConfig { validate_every, ..config(Precision::Fp32) };
+        (estimate(&task, &config).unwrap(), task.used.borrow().len())
+    };
+    let (found, times) = of(1);
+    assert_eq!(times, 2);
+    assert!(found.first_validation_seconds > 2.0 && found.validation_seconds < 1.0, "{found:?}");
+    let steps = 30.0 * found.step_seconds;
+    let wanted = steps + found.first_validation_seconds + 29.0 * found.validation_seconds;
+    assert!((found.seconds - wanted).abs() < 1e-9, "{found:?}");
+    let (only, times) = of(0);
+    assert_eq!((times, only.first_validation_seconds), (1, only.validation_seconds));
+    assert!((only.seconds - 30.0 * only.step_seconds - only.validation_seconds).abs() < 1e-9, "{only:?}");
+}

@@ -6,6 +6,7 @@ use std::cell::RefCell;
 use std::collections::HashSet;
 use std::sync::{Arc, Mutex};
 use std::thread::ThreadId;
+use std::time::Duration;
 
 use riglab_nn::params::{Builder, Init, ParamId, Params, Role, Weights};
 use riglab_random::Draw;
@@ -30,6 +31,8 @@ pub struct Products {
     pub stop_at: Option<u64>,
     /// Megabytes in use at each validation.
     pub used: RefCell<Vec<f64>>,
+    /// How long the first validation makes things ready.
+    pub readied_in: Duration,
 }
 
 /// What can go wrong beside.
@@ -69,6 +72,7 @@ impl Products {
             interrupt: Interrupt::default(),
             stop_at: None,
             used: RefCell::default(),
+            readied_in: Duration::ZERO,
         }
     }
 }
@@ -134,6 +138,9 @@ impl Task for Products {
     }
 
     fn validate(&self, w: &Weights, at: At) -> Result<Validation, String> {
+        if self.used.borrow().is_empty() {
+            std::thread::sleep(self.readied_in);
+        }
         let text = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let line = text.lines().find_map(|l| l.strip_prefix("VmRSS:")).unwrap_or_default();
         self.used

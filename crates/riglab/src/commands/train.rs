@@ -68,7 +68,7 @@ pub struct Args {
     /// --set start.model=PATH or skin.run=PATH names the new place of a model that was moved.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "run"])]
     resume: Option<PathBuf>,
-    /// Write nothing: go through a few steps and a validation, and say what the run would take: parameters, memory,
+    /// Write nothing: go through a few steps and one or two validations, and say what the run would take: parameters, memory,
     /// operations and time.
     #[arg(long, conflicts_with_all = ["resume", "run"])]
     dry_run: bool,

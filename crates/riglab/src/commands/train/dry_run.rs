@@ -61,7 +61,11 @@ impl Visitor for DryRun<'_> {
             100.0 * speed / most,
             if gpu { String::new() } else { format!(" with {}", counted(self.threads, "thread")) }
         );
-        say!("a validation        {:>9.1} s", found.validation_seconds);
+        // Their times differ where the first makes something ready for all.
+        let (first, each) = (found.first_validation_seconds, found.validation_seconds);
+        let apart =
+            if first > 1.2 * each && first - each > 0.1 { format!(", the first {first:.1} s") } else { String::new() };
+        say!("a validation        {each:>9.1} s{apart}");
         say!("the run             {:>9} for {} steps", time(found.seconds), train.steps);
         if found.waiting > 0.05 {
             say!(
