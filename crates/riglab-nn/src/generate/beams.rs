@@ -2,7 +2,7 @@
 
 use riglab_random::{Draw, Stream};
 
-use super::processors::{log_softmax, process, softmax};
+use super::processors::{log_share, log_softmax, process, softmax};
 use super::{Decoder, GenerateConfig, Grammar, NotFinite};
 
 /// A sequence with its score.
@@ -10,20 +10,19 @@ use super::{Decoder, GenerateConfig, Grammar, NotFinite};
 pub struct BeamDraw {
     /// The tokens after the prompt.
     pub ids: Vec<u32>,
-    /// The sum of log-probabilities, over the number of tokens.
+    /// The sum of log-probabilities, over the number of tokens: those of the processed scores, as released systems have them.
     pub score: f32,
-}
-
-impl BeamDraw {
-    /// The sum of log-probabilities, and of how many tokens.
-    pub fn likelihood(&self) -> (f64, usize) {
-        (f64::from(self.score) * self.ids.len() as f64, self.ids.len())
-    }
+    /// The sum of log-probabilities that the network has for the tokens within the grammar, as of [`super::likely_rows`].
+    pub likelihood: f64,
 }
 
 /// The first of sequences, which is the best; nothing where none ended.
 pub fn best_of(all: Vec<BeamDraw>) -> BeamDraw {
-    all.into_iter().next().unwrap_or(BeamDraw { ids: Vec::new(), score: f32::NEG_INFINITY })
+    all.into_iter().next().unwrap_or(BeamDraw {
+        ids: Vec::new(),
+        score: f32::NEG_INFINITY,
+        likelihood: f64::NEG_INFINITY,
+    })
 }
 
 /// The `count` highest of (score, place), the first of equals first.
@@ -65,6 +64,7 @@ struct Beam<G> {
     ids: Vec<u32>,
     grammar: G,
     score: f32,
+    likelihood: f64,
 }
 
 /// The best sequences of one prompt, the best first.
@@ -83,18 +83,27 @@ pub fn beams<G: Grammar>(
     mut choose: impl FnMut(usize, &[f32]) -> Vec<usize>,
 ) -> Result<Vec<BeamDraw>, NotFinite> {
     let (count, width) = (config.beams, first.len());
-    let beam = |k: usize| Beam { ids: Vec::new(), grammar: grammar.clone(), score: if k == 0 { 0.0 } else { -1e9 } };
+    let beam = |k: usize| Beam {
+        ids: Vec::new(),
+        grammar: grammar.clone(),
+        score: if k == 0 { 0.0 } else { -1e9 },
+        likelihood: 0.0,
+    };
     let mut running: Vec<Beam<G>> = (0..count).map(beam).collect();
     let mut scores = vec![first.to_vec(); count];
     let mut finished: Vec<BeamDraw> = Vec::new();
     for step in 0..config.tokens {
         let mut sums = Vec::with_capacity(count * width);
-        for (beam, own) in running.iter().zip(&mut scores) {
+        let allowed: Vec<Vec<u64>> = running.iter().map(|beam| beam.grammar.allowed()).collect();
+        for ((beam, own), allowed) in running.iter().zip(&scores).zip(&allowed) {
             NotFinite::refuse(own)?;
-            log_softmax(own);
-            process(own, &beam.ids, Some(&beam.grammar.allowed()), config, 2);
+            let mut own = own.clone();
+            log_softmax(&mut own);
+            process(&mut own, &beam.ids, Some(allowed), config, 2);
             sums.extend(own.iter().map(|s| s + beam.score));
         }
+        let likelihood =
+            |from: usize, id: u32| running[from].likelihood + f64::from(log_share(&scores[from], &allowed[from], id));
         let length = (step + 1) as f32;
         let last = step + 1 == config.tokens;
         let mut next: Vec<(usize, u32, f32)> = Vec::new();
@@ -106,7 +115,7 @@ pub fn beams<G: Grammar>(
                 // One that ends counts where it is among the first.
                 let mut ids = running[from].ids.clone();
                 ids.push(id);
-                finished.push(BeamDraw { ids, score: score / length });
+                finished.push(BeamDraw { ids, score: score / length, likelihood: likelihood(from, id) });
             }
         }
         finished.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -130,7 +139,7 @@ pub fn beams<G: Grammar>(
                 let (mut ids, mut grammar) = (running[from].ids.clone(), running[from].grammar.clone());
                 ids.push(id);
                 grammar.accept(id);
-                Beam { ids, grammar, score }
+                Beam { ids, grammar, score, likelihood: likelihood(from, id) }
             })
             .collect();
         decoder.select(&rows);

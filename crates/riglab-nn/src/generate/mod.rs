@@ -16,8 +16,8 @@ use serde::{Deserialize, Serialize};
 
 pub use beams::{BeamDraw, beams, best, best_of, chooser as beam_chooser, draws};
 pub use finite::NotFinite;
-pub use processors::{log_softmax, process, shares, softmax};
-pub use rows::{argmax, chooser, draw, rows};
+pub use processors::{log_share, log_softmax, process, shares, softmax};
+pub use rows::{argmax, chooser, draw, likely_rows, rows};
 
 /// Temperatures that scores can be divided by: far below, they would pass what f32 holds and draws would keep to no
 /// grammar; beyond, draws are as good as even over all that may follow.
@@ -89,6 +89,13 @@ impl GenerateConfig {
             return Err(("repetition_penalty", why));
         }
         Ok(())
+    }
+
+    /// Whether scores are changed before tokens are chosen by them, but for what the grammar forbids.
+    pub fn changes(&self) -> bool {
+        let plain = Self::default();
+        let sampled = |config: &Self| (config.temperature, config.top_k, config.top_p);
+        self.repetition_penalty != plain.repetition_penalty || self.sample && sampled(self) != sampled(&plain)
     }
 
     /// How a validation while training draws: the likeliest tokens where beams would be kept, which takes many times as long.

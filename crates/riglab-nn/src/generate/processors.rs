@@ -29,6 +29,24 @@ pub fn shares(scores: &[f32]) -> (Vec<f32>, f32) {
     (p, most + sum.ln())
 }
 
+/// The log-probability of a token among those that are `allowed`, by scores as the network gives them: whatever is made of
+/// these before one is drawn, what different draws are told by it can be compared.
+pub fn log_share(scores: &[f32], allowed: &[u64], id: u32) -> f32 {
+    let mut possible = Vec::with_capacity(allowed.iter().map(|word| word.count_ones() as usize).sum());
+    for (start, word) in (0..).step_by(64).zip(allowed) {
+        let mut left = *word;
+        while left != 0 {
+            possible.extend(scores.get(start + left.trailing_zeros() as usize));
+            left &= left - 1;
+        }
+    }
+    let most = possible.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+    let sum: f32 = possible.iter().map(|s| (s - most).exp()).sum();
+    let id = id as usize;
+    let may = allowed.get(id / 64).is_some_and(|word| word >> (id % 64) & 1 == 1);
+    if may { scores[id] - (most + sum.ln()) } else { f32::NEG_INFINITY }
+}
+
 /// Applies all of them. `before`: tokens drawn so far; `allowed`: a bit an id; `keep`: tokens that top-k and
 /// top-p leave at least. What cannot be drawn becomes -∞.
 pub fn process(scores: &mut [f32], before: &[u32], allowed: Option<&[u64]>, config: &GenerateConfig, keep: usize) {
@@ -114,6 +132,21 @@ mod tests {
             top_p(&mut scores, 0.5, 1);
             assert_eq!(scores, [f32::NEG_INFINITY, second]);
         }
+    }
+
+    #[test]
+    fn a_share_is_among_what_is_allowed_whatever_else_is_done() {
+        // The third word of the mask is missing: nothing there is allowed.
+        let (mut scores, mask) = ([0.0f32; 130], [0b1011, 1 << 63]);
+        (scores[0], scores[1], scores[2], scores[3], scores[127], scores[129]) = (0.5, -1.0, 9.0, 2.0, 1.5, 9.0);
+        let mut allowed = scores;
+        process(&mut allowed, &[], Some(&mask), &GenerateConfig::default(), 1);
+        let (p, _) = shares(&allowed);
+        for id in [0, 1, 3, 127] {
+            assert!((log_share(&scores, &mask, id as u32) - p[id].ln()).abs() < 1e-6, "{id}");
+        }
+        assert_eq!(p.iter().filter(|p| **p > 0.0).count(), 4);
+        assert_eq!([2, 129].map(|id| log_share(&scores, &mask, id)), [f32::NEG_INFINITY; 2]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use riglab_random::{Draw, Stream};
 
-use super::processors::{process, softmax};
+use super::processors::{log_share, process, softmax};
 use super::{Decoder, GenerateConfig, Grammar, NotFinite};
 
 /// The id of the highest score, the first of equals.
@@ -42,10 +42,27 @@ pub fn draw(probabilities: &[f32], random: &mut Stream) -> u32 {
 pub fn rows<G: Grammar>(
     decoder: &mut dyn Decoder,
     first: Vec<Vec<f32>>,
+    grammars: Vec<G>,
+    config: &GenerateConfig,
+    choose: impl FnMut(usize, usize, &[f32]) -> u32,
+) -> Result<Vec<Vec<u32>>, NotFinite> {
+    likely_rows(decoder, first, grammars, config, choose, None)
+}
+
+/// As [`rows`]; `likelihood` is given, of each row, the sum of the log-probabilities that the network has for what was
+/// chosen within the grammar: those of draws at any temperature, after any filter and penalty, can be compared.
+///
+/// # Errors
+/// As [`rows`].
+pub fn likely_rows<G: Grammar>(
+    decoder: &mut dyn Decoder,
+    first: Vec<Vec<f32>>,
     mut grammars: Vec<G>,
     config: &GenerateConfig,
     mut choose: impl FnMut(usize, usize, &[f32]) -> u32,
+    mut likelihood: Option<&mut [f64]>,
 ) -> Result<Vec<Vec<u32>>, NotFinite> {
+    let keep = likelihood.is_some() && config.changes();
     let mut drawn = vec![Vec::new(); grammars.len()];
     // Which row each row of the batch is.
     let mut live: Vec<usize> = (0..grammars.len()).collect();
@@ -57,8 +74,12 @@ pub fn rows<G: Grammar>(
             let mut own = std::mem::take(&mut scores[at]);
             let id = loop {
                 NotFinite::refuse(&own)?;
-                process(&mut own, &drawn[row], Some(&grammars[row].allowed()), config, 1);
+                let (plain, allowed) = (keep.then(|| own.clone()), grammars[row].allowed());
+                process(&mut own, &drawn[row], Some(&allowed), config, 1);
                 let id = choose(row, step, &own);
+                if let Some(all) = likelihood.as_deref_mut() {
+                    all[row] += f64::from(log_share(plain.as_ref().unwrap_or(&own), &allowed, id));
+                }
                 drawn[row].push(id);
                 let ends = grammars[row].ends(id);
                 grammars[row].accept(id);
@@ -98,5 +119,68 @@ pub fn chooser<'a>(
 ) -> impl FnMut(usize, usize, &[f32]) -> u32 + 'a {
     move |row, _, scores| {
         if config.sample { draw(&softmax(scores), &mut streams[row]) } else { argmax(scores) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_random::stream;
+
+    use super::*;
+    use crate::generate::{beam_chooser, beams, log_share};
+
+    /// Gives the same scores after whatever was read.
+    struct Gives([f32; 5]);
+
+    impl Decoder for Gives {
+        fn next(&mut self, ids: &[u32]) -> Vec<Vec<f32>> {
+            vec![self.0.to_vec(); ids.len()]
+        }
+
+        fn select(&mut self, _: &[usize]) {}
+    }
+
+    /// The fourth token is not allowed, the fifth ends.
+    #[derive(Clone)]
+    struct AllButOne;
+
+    const MAY: u64 = 0b10111;
+
+    impl Grammar for AllButOne {
+        fn allowed(&self) -> Vec<u64> {
+            vec![MAY]
+        }
+
+        fn accept(&mut self, _: u32) {}
+
+        fn ends(&self, id: u32) -> bool {
+            id == 4
+        }
+    }
+
+    #[test]
+    fn how_likely_draws_are_does_not_depend_on_how_they_were_drawn() {
+        let scores = [1.0, 0.5, 0.25, 4.0, 0.75];
+        let likely = |ids: &[u32]| ids.iter().map(|&id| f64::from(log_share(&scores, &[MAY], id))).sum::<f64>();
+        let plain = GenerateConfig { tokens: 6, ..GenerateConfig::default() };
+        let cool = GenerateConfig { sample: true, temperature: 0.5, top_k: 3, top_p: 0.9, ..plain.clone() };
+        let punished = GenerateConfig { repetition_penalty: 2.0, ..cool.clone() };
+        for config in [plain.clone(), GenerateConfig { sample: true, ..plain }, cool, punished] {
+            let mut streams: Vec<_> = (0..4).map(|k| stream(0, "test", &[k])).collect();
+            let mut told = vec![0.0; 4];
+            let (first, grammars) = (vec![scores.to_vec(); 4], vec![AllButOne; 4]);
+            let choose = chooser(&config, &mut streams);
+            let all = likely_rows(&mut Gives(scores), first, grammars, &config, choose, Some(&mut told)).unwrap();
+            for (ids, told) in all.iter().zip(told) {
+                assert!((told - likely(ids)).abs() < 1e-5, "{config:?}: {ids:?}");
+            }
+            let config = GenerateConfig { beams: 3, ..config };
+            let random = &mut stream(1, "test", &[]);
+            let all = beams(&mut Gives(scores), &scores, &AllButOne, &config, beam_chooser(&config, random)).unwrap();
+            assert!(!all.is_empty());
+            for own in all {
+                assert!((own.likelihood - likely(&own.ids)).abs() < 1e-5, "{config:?}: {own:?}");
+            }
+        }
     }
 }

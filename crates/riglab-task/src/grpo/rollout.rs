@@ -117,7 +117,7 @@ impl GrpoTask {
                 joints += own.decoded.as_ref().map_or(0, |d| d.joints.len());
                 let told = self.policy.told(own);
                 let counts = !(still && c.rollout.dead == Dead::Mask);
-                let (ids, said) = (own.ids.clone(), own.likelihood.0);
+                let (ids, said) = (own.ids.clone(), own.said);
                 sequences.push(Sequence { mesh, ids, told, counts, said, ..Sequence::default() });
                 totals.push(reward.total);
                 parts.push(*reward);

@@ -3,7 +3,9 @@
 use std::sync::{Mutex, PoisonError};
 
 use riglab_nn::decoder::QwenConfig;
-use riglab_nn::generate::{GenerateConfig, Grammar as Rules, argmax, beam_chooser, beams, best_of, draw, rows, shares};
+use riglab_nn::generate::{
+    GenerateConfig, Grammar as Rules, argmax, beam_chooser, beams, best_of, draw, likely_rows, shares,
+};
 use riglab_nn::params::Weights;
 use riglab_nn::tokenrig::{JointTold, JointsOf, Reader};
 use riglab_random::{Stream, stream};
@@ -30,8 +32,11 @@ pub struct RigSample {
     pub joints: Vec<JointTold>,
     /// The whole sequence, or that of the skeleton alone, prompt and end with it, in ids of the network.
     pub ids: Vec<i64>,
-    /// The sum of log-probabilities of what was drawn, and of how many numbers.
+    /// The sum of log-probabilities that the network has for what was drawn, within the grammar, and of how many numbers:
+    /// draws are compared by it, whatever their temperature and filters.
     pub likelihood: (f64, usize),
+    /// The same sum of the distribution that it was drawn from: after temperature, filters and penalty.
+    pub said: f64,
 }
 
 /// Where drawing ends.
@@ -163,7 +168,7 @@ impl Rigger {
         let mut whole = self.draw(w, seen, std::slice::from_ref(&drawn.skeleton), &how, streams)?;
         let Some(whole) = whole.pop() else { return Ok(drawn) };
         let ((a, m), (b, n)) = (drawn.likelihood, whole.likelihood);
-        Ok(RigSample { likelihood: (a + b, m + n), ..whole })
+        Ok(RigSample { likelihood: (a + b, m + n), said: drawn.said + whole.said, ..whole })
     }
 
     /// The skeleton of one mesh that its draws agree on, refined, and its own image in the mirror at x = `plane` where there is
@@ -294,26 +299,28 @@ impl Rigger {
         let started = Reader::start(&self.net, w, seen.prefix(), prompts, (room, vocabulary.eos()), &joints);
         let (mut reader, first) = started.ok_or("a prompt ends within a code")?;
         let config = GenerateConfig { tokens: room, ..how.clone() };
-        let mut likelihood = vec![(0.0, 0); prompts.len()];
-        let all = rows(&mut reader, first, grammars, &config, |row, _, scores| {
+        let (mut said, mut likelihood) = (vec![0.0; prompts.len()], vec![0.0; prompts.len()]);
+        let choose = |row: usize, _: usize, scores: &[f32]| {
             let (shares, off) = shares(scores);
             let id = if config.sample { draw(&shares, &mut streams[row]) } else { argmax(scores) };
-            likelihood[row].0 += f64::from(scores[id as usize] - off);
-            likelihood[row].1 += 1;
+            said[row] += f64::from(scores[id as usize] - off);
             id
-        })?;
+        };
+        // Where nothing is changed, what is drawn from is the network's own.
+        let sums = config.changes().then_some(&mut likelihood[..]);
+        let all = likely_rows(&mut reader, first, grammars, &config, choose, sums)?;
+        let likelihood = if config.changes() { likelihood } else { said.clone() };
         drop(reader);
         let told = told.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let whole =
-            all.into_iter().zip(prompts).zip(likelihood).zip(told).map(|(((own, prompt), likelihood), joints)| {
-                let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
-                RigSample { joints, ..self.said(&drawn, likelihood) }
-            });
+        let whole = all.into_iter().zip(prompts).enumerate().zip(told).map(|((row, (own, prompt)), joints)| {
+            let likelihood = (likelihood[row], own.len());
+            let drawn: Vec<u32> = prompt.iter().copied().chain(own).collect();
+            RigSample { joints, said: said[row], ..self.said(&drawn, likelihood) }
+        });
         Ok(whole.collect())
     }
 
-    /// The best of the beams after one prompt and one shape. Its likelihood is that of the processed scores, which beams are
-    /// compared by.
+    /// The best of the beams after one prompt and one shape.
     fn beamed(
         &self,
         w: &Weights,
@@ -331,7 +338,8 @@ impl Rigger {
         let best = best_of(beams(&mut reader, first, grammar, how, beam_chooser(how, random))?);
         drop(reader);
         let drawn: Vec<u32> = prompt.iter().copied().chain(best.ids.iter().copied()).collect();
-        let own = self.said(&drawn, best.likelihood());
+        let said = f64::from(best.score) * best.ids.len() as f64;
+        let own = RigSample { said, ..self.said(&drawn, (best.likelihood, best.ids.len())) };
         // Of a whole rig: the beams had theirs, and may have been told of others last.
         let whole = self.config.model.tell_joint && grammar.end != eos;
         let joints = if whole { joints(0, &own.skeleton) } else { Vec::new() };
@@ -353,7 +361,7 @@ impl Rigger {
         Strict { grammar: RigGrammar::new(grammar, eos, skin, SkinRule::Exact), end: layout.drawn_end() }
     }
 
-    /// What a whole sequence says.
+    /// What a whole sequence says; [`RigSample::said`] and what its joints were told are not known here.
     fn said(&self, drawn: &[u32], likelihood: (f64, usize)) -> RigSample {
         let (layout, c) = (self.net.layout(), &self.config);
         let eos = self.tokenizer.vocabulary().eos();
@@ -376,7 +384,7 @@ impl Rigger {
             });
         }
         let ids = skeleton.iter().map(|&id| i64::from(id)).chain(skin).collect();
-        RigSample { skeleton: skeleton.to_vec(), decoded, codes, joints: Vec::new(), ids, likelihood }
+        RigSample { skeleton: skeleton.to_vec(), decoded, codes, joints: Vec::new(), ids, likelihood, said: 0.0 }
     }
 
     /// The prompt from which a skeleton is drawn freely.
@@ -464,6 +472,25 @@ mod tests {
             // Codes alone, after a skeleton.
             let codes = draw(&[(&mesh, 0)], &[2], &two[0].skeleton, &how).remove(0);
             assert_eq!((&codes.skeleton, codes.codes.len()), (&two[0].skeleton, two[0].codes.len()));
+        }
+    }
+
+    #[test]
+    fn a_rig_is_as_likely_at_any_temperature() {
+        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let w = rigger.params().weights();
+        let prefix = rigger.condition(w, &[(&mesh, 0)]);
+        let draw = |how: &GenerateConfig| {
+            rigger.draw(w, &prefix, &[rigger.free()], how, &mut [stream(0, "test", &[])]).unwrap().remove(0)
+        };
+        let likeliest = draw(&GenerateConfig::default());
+        // So cool that the likeliest tokens alone are drawn.
+        let cool = GenerateConfig { sample: true, temperature: 0.001, ..GenerateConfig::default() };
+        let filtered = GenerateConfig { sample: true, top_k: 1, ..GenerateConfig::default() };
+        for own in [cool, filtered].map(|how| draw(&how)) {
+            assert_eq!(own.ids, likeliest.ids);
+            assert!((own.likelihood.0 - likeliest.likelihood.0).abs() < 1e-3 && own.likelihood.0 < -1.0);
+            assert!(own.said > own.likelihood.0 + 1.0, "{} {}", own.said, own.likelihood.0);
         }
     }
 

@@ -4,7 +4,7 @@ use riglab_core::Mesh;
 use riglab_geom::CloudSampler;
 use riglab_nn::decoder::Cache;
 use riglab_nn::generate::{
-    Decoder, GenerateConfig, Grammar as Rules, beam_chooser, beams, best_of, chooser, log_softmax, rows,
+    Decoder, GenerateConfig, Grammar as Rules, beam_chooser, beams, best_of, chooser, likely_rows, log_softmax,
 };
 use riglab_nn::params::Weights;
 use riglab_nn::skeleton::SkeletonModel;
@@ -104,6 +104,25 @@ pub struct SkeletonSample {
     pub decoded: Result<Decoded, DecodeFault>,
 }
 
+/// How likely a draw is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Likely {
+    /// The sum of log-probabilities that the network has for what was drawn, within the grammar: draws are compared by it,
+    /// whatever their temperature and filters.
+    pub sum: f64,
+    /// The same sum of the distribution that it was drawn from: after temperature, filters and penalty.
+    pub said: f64,
+    /// Of how many tokens.
+    pub tokens: usize,
+}
+
+impl Likely {
+    /// The mean log-probability of a token to the network.
+    pub fn mean(&self) -> f64 {
+        self.sum / self.tokens.max(1) as f64
+    }
+}
+
 /// What draws skeletons: a network with what is to be known of its sequences.
 #[derive(Clone, Copy)]
 pub struct Drawer<'a> {
@@ -182,7 +201,7 @@ impl Drawer<'_> {
         &self,
         w: &Weights,
         meshes: &[(&Mesh, u64)],
-        likelihood: Option<&mut [(f64, usize)]>,
+        likelihood: Option<&mut [Likely]>,
     ) -> Result<Vec<SkeletonSample>, String> {
         let (c, agreement) = (self.config, self.config.eval.agreement());
         let (shares, mut shapes) = (agreement.shares(), Batch::default());
@@ -241,15 +260,15 @@ impl Drawer<'_> {
         self.draw_told(w, (prefix, &each(prefix, streams.len())), streams, generate, None)
     }
 
-    /// As [`Self::draw_with`], each after the prefix that `of` names; `likelihood` is given the sum of log-probabilities of
-    /// what was drawn of each, and of how many tokens: with beams those of the processed scores, which they are compared by.
+    /// As [`Self::draw_with`], each after the prefix that `of` names; `likelihood` is given how likely each
+    /// draw is.
     pub(crate) fn draw_told(
         &self,
         w: &Weights,
         (prefix, of): (&Tensor, &[usize]),
         streams: &mut [Stream],
         generate: &GenerateConfig,
-        mut likelihood: Option<&mut [(f64, usize)]>,
+        mut likelihood: Option<&mut [Likely]>,
     ) -> Result<Vec<SkeletonSample>, String> {
         let _no_grad = tch::no_grad_guard();
         let vocabulary = self.tokenizer.vocabulary();
@@ -278,7 +297,8 @@ impl Drawer<'_> {
                 let first = first.first().ok_or("a sequence begins with a token")?;
                 let best = best_of(beams(&mut reader, first, &strict, &config, beam_chooser(&config, random))?);
                 if let Some(all) = likelihood.as_deref_mut() {
-                    all[row] = best.likelihood();
+                    let tokens = best.ids.len();
+                    all[row] = Likely { sum: best.likelihood, said: f64::from(best.score) * tokens as f64, tokens };
                 }
                 all.push(whole(best.ids));
             }
@@ -298,15 +318,23 @@ impl Drawer<'_> {
         }
         let grammars = vec![strict; streams.len()];
         let mut choose = chooser(&config, streams);
-        let all = rows(&mut reader, first, grammars, &config, |row, step, scores| {
+        // Where nothing is changed, what is drawn from is the network's own.
+        let changed = config.changes();
+        let mut sums = vec![0.0; likelihood.as_ref().map_or(0, |all| all.len())];
+        let told = (changed && likelihood.is_some()).then_some(&mut sums[..]);
+        let choose = |row: usize, step: usize, scores: &[f32]| {
             let id = choose(row, step, scores);
             if let Some(own) = likelihood.as_deref_mut().map(|all| &mut all[row]) {
                 let mut scores = scores.to_vec();
                 log_softmax(&mut scores);
-                *own = (own.0 + f64::from(scores[id as usize]), own.1 + 1);
+                (own.said, own.tokens) = (own.said + f64::from(scores[id as usize]), own.tokens + 1);
             }
             id
-        })?;
+        };
+        let all = likely_rows(&mut reader, first, grammars, &config, choose, told)?;
+        for (own, sum) in likelihood.into_iter().flatten().zip(sums) {
+            own.sum = if changed { sum } else { own.said };
+        }
         Ok(all.into_iter().map(whole).collect())
     }
 
@@ -318,7 +346,7 @@ impl Drawer<'_> {
         (prefix, of): (&Tensor, &[usize]),
         streams: &mut [Stream],
         generate: &GenerateConfig,
-        mut likelihood: Option<&mut [(f64, usize)]>,
+        mut likelihood: Option<&mut [Likely]>,
     ) -> Result<Vec<SkeletonSample>, String> {
         let mut all = Vec::with_capacity(streams.len());
         for (streams, of) in streams.chunks_mut(most).zip(of.chunks(most)) {
@@ -375,7 +403,7 @@ mod tests {
         let how = GenerateConfig { sample: true, ..GenerateConfig::default() };
         let draw = |most: usize, prefix: &Tensor, of: &[usize]| {
             let mut streams = streams(0, 0..of.len() as u64, 1);
-            let mut told = vec![(0.0, 0); of.len()];
+            let mut told = vec![Likely::default(); of.len()];
             let drawn = drawer.draw_in_runs(most, w, (prefix, of), &mut streams, &how, Some(&mut told)).unwrap();
             (drawn.into_iter().map(|d| d.ids).collect::<Vec<_>>(), told)
         };
@@ -386,7 +414,9 @@ mod tests {
             for most in [2, of.len()] {
                 let (own, told) = draw(most, &prefix, &of);
                 assert_eq!(own, ids, "{of:?}, {most} at a time");
-                assert!(told.iter().zip(&likelihood).all(|(a, b)| (a.0 - b.0).abs() < 1e-3 && a.1 == b.1), "{told:?}");
+                let same = |(a, b): (&Likely, &Likely)| (a.sum - b.sum).abs() < 1e-3 && a.tokens == b.tokens;
+                assert!(told.iter().zip(&likelihood).all(same), "{told:?}");
+                assert!(told.iter().all(|own| (own.said - own.sum).abs() < 1e-3), "nothing was changed: {told:?}");
             }
         }
         assert_eq!(each(&prefix.narrow(0, 0, 1), 2), [0, 0]);

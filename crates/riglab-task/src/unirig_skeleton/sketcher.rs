@@ -11,7 +11,7 @@ use riglab_train::named_by;
 use tch::Device;
 
 use super::agree::Chosen;
-use super::generate::{Drawer, SkeletonSample};
+use super::generate::{Drawer, Likely, SkeletonSample};
 use super::{SkeletonTaskConfig, Trained};
 use crate::bundle::{self, Card};
 use crate::grpo::{descends, refined};
@@ -129,7 +129,7 @@ impl Sketcher {
         let cube = mesh.with_positions(cube).map_err(|e| e.to_string())?;
         let (net, device) = (&self.own.net, self.device);
         let drawer = Drawer { config: &config, tokenizer: &self.tokenizer, net, device };
-        let mut likelihood = vec![(0.0, 0); config.eval.consensus];
+        let mut likelihood = vec![Likely::default(); config.eval.consensus];
         let Chosen { place: sample, apart, drawn } = match wish.rank {
             Rank::Rewards => return Err("rewards judge whole rigs, and this model draws skeletons alone".into()),
             Rank::Consensus if config.eval.consensus > 1 => {
@@ -143,8 +143,8 @@ impl Sketcher {
         let in_cube = drawn.decoded.map_err(|_| NO_SKELETON)?.skeleton().map_err(|e| e.to_string())?;
         let heads = in_cube.heads().iter().map(|&p| up.back(map.inverse().apply(p))).collect();
         let skeleton = in_cube.with_heads(heads).map_err(|e| e.to_string())?;
-        let draw = |(sum, count): (f64, usize)| Draw { likelihood: sum / count.max(1) as f64, rewards: None };
-        Ok(Sketched { skeleton, apart, sample, draws: likelihood.into_iter().map(draw).collect() })
+        let draw = |own: &Likely| Draw { likelihood: own.mean(), rewards: None };
+        Ok(Sketched { skeleton, apart, sample, draws: likelihood.iter().map(draw).collect() })
     }
 
     /// The likeliest of as many draws as there are places for their likelihoods: one as `eval.generate` says, and samples.
@@ -153,7 +153,7 @@ impl Sketcher {
         drawer: &Drawer<'_>,
         cube: &Mesh,
         seed: u64,
-        likelihood: &mut [(f64, usize)],
+        likelihood: &mut [Likely],
     ) -> Result<Option<Chosen<SkeletonSample>>, String> {
         let w = self.own.params.weights();
         let prefix = drawer.prefix_of(w, &drawer.shapes_of(&[(cube, seed)]));
@@ -168,10 +168,9 @@ impl Sketcher {
             let of = vec![0; others.len()];
             drawn.extend(drawer.draw_told(w, (&prefix, &of), others, &how(true), Some(of_others))?);
         }
-        let mean = |at: usize| likelihood[at].0 / likelihood[at].1.max(1) as f64;
         let whole = (0..drawn.len()).filter(|&at| drawn[at].decoded.is_ok());
         // The first of equals.
-        let best = whole.min_by(|&a, &b| mean(b).total_cmp(&mean(a)));
+        let best = whole.min_by(|&a, &b| likelihood[b].mean().total_cmp(&likelihood[a].mean()));
         Ok(best.map(|best| Chosen { place: best, apart: None, drawn: drawn.swap_remove(best) }))
     }
 }
@@ -246,6 +245,10 @@ mod tests {
         let made = own.skeleton(&tetrahedron(), &wish).unwrap();
         let best = made.draws.iter().map(|d| d.likelihood).fold(f64::NEG_INFINITY, f64::max);
         assert_eq!((made.draws.len(), made.draws[made.sample].likelihood), (5, best));
+        // So cool that all are drawn as the first is, which takes the likeliest tokens: they are as likely.
+        let cool = own.skeleton(&tetrahedron(), &Sketch { temperature: Some(0.001), ..wish }).unwrap();
+        let off = |draw: &Draw| (draw.likelihood - cool.draws[0].likelihood).abs();
+        assert!(cool.draws.iter().all(|draw| off(draw) < 1e-4) && cool.draws[0].likelihood < -0.1, "{:?}", cool.draws);
         let rewards = own.skeleton(&tetrahedron(), &Sketch { rank: Rank::Rewards, ..wish }).unwrap_err();
         assert!(rewards.contains("skeletons alone"), "{rewards}");
     }

@@ -18,7 +18,7 @@ use crate::experiment::Experiment;
 use crate::grpo::rollout::Sequence;
 use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::gallery::bound;
-use crate::unirig_skeleton::generate::each;
+use crate::unirig_skeleton::generate::{Likely, each};
 use crate::unirig_skeleton::{Batch as Shapes, SkeletonTask, shape_of};
 
 /// Walks the grammar along a sequence whose first `prompt` tokens were given: of each target, whether it was chosen; of
@@ -80,7 +80,7 @@ impl Policy for SkeletonTask {
         streams: &mut [Stream],
     ) -> Result<Vec<RigSample>, String> {
         let _no_grad = tch::no_grad_guard();
-        let mut likelihood = vec![(0.0, 0); streams.len()];
+        let mut likelihood = vec![Likely::default(); streams.len()];
         let of = each(prefix, streams.len());
         let drawn = self.drawer().draw_told(w, (prefix, &of), streams, how, Some(&mut likelihood))?;
         let whole = drawn.into_iter().zip(likelihood).map(|(own, likelihood)| RigSample {
@@ -89,7 +89,8 @@ impl Policy for SkeletonTask {
             decoded: own.decoded,
             codes: Vec::new(),
             joints: Vec::new(),
-            likelihood,
+            likelihood: (likelihood.sum, likelihood.tokens),
+            said: likelihood.said,
         });
         Ok(whole.collect())
     }
