@@ -84,8 +84,7 @@ impl Rigger {
         let mut able = vec![false; left.len()];
         stands.iter().enumerate().for_each(|(j, &of)| able[of] |= holders.is_none_or(|holders| holders[j]));
         let weights = self.pooled_skin(mesh, &left, skins, key, Hold { holders: Some(&able), ..hold })?;
-        let rule = DecodeRule { cut: self.config.eval.cut, influences: hold.influences };
-        shared_out(mesh, whole, (&weights, stands), holders, rule)
+        shared_out(mesh, whole, (&weights, stands), holders, hold.influences)
     }
 }
 
@@ -203,7 +202,8 @@ impl Thinning {
 
 /// Weights of all joints by those of the ones that stand for them: each shares what it holds of a vertex out among the joints
 /// that it stands for, by the fourth power of how near their bones are, as the best rule by straight distances does
-/// ([`super::told`]). `holders` as for [`Rigger::read`]; what stands for none that may hold anything keeps what it has.
+/// ([`super::told`]), of whom so many `influences` hold a vertex at most. Weights were cut before: no piece of one is. `holders`
+/// as for [`Rigger::read`]; what stands for none that may hold anything keeps what it has.
 ///
 /// # Errors
 /// When the weights cannot be those of a skeleton.
@@ -212,8 +212,9 @@ pub(super) fn shared_out(
     whole: &Skeleton,
     (weights, stands): (&SkinWeights, &[usize]),
     holders: Option<&[bool]>,
-    rule: DecodeRule,
+    influences: usize,
 ) -> Result<SkinWeights, String> {
+    let rule = DecodeRule { cut: 0.0, influences };
     let segments = whole.segments();
     let mut groups = vec![Vec::new(); stands.iter().max().map_or(0, |most| most + 1)];
     let able = |j: &usize| holders.is_none_or(|able| able[*j]);
@@ -403,35 +404,37 @@ mod tests {
         let whole = chain(&[-1.0, -0.5, 1.0]);
         // The first two stand for themselves, the second for the third.
         let weights = SkinWeights::normalized((0..4).map(|_| [(0, 0.25), (1, 0.75)])).unwrap();
-        let of = |holders: Option<&[bool]>, rule| {
-            let all = shared_out(&mesh, &whole, (&weights, &[0, 1, 1]), holders, rule).unwrap();
+        let of = |holders: Option<&[bool]>, influences| {
+            let all = shared_out(&mesh, &whole, (&weights, &[0, 1, 1]), holders, influences).unwrap();
             let row = |v: usize| -> Vec<(usize, f32)> { all.row(v).map(|(j, w)| (j.index(), w)).collect() };
             (0..4).map(row).collect::<Vec<_>>()
         };
-        let rule = DecodeRule { cut: 0.0, influences: 4 };
-        for row in of(None, rule) {
+        for row in of(None, 4) {
             let [root, stands, other] = row[..] else { panic!("{row:?}") };
             assert!((root.1 - 0.25).abs() < 1e-6 && (stands.1 + other.1 - 0.75).abs() < 1e-6, "{row:?}");
         }
         // The second vertex is above, the first below: the nearer bone has more.
-        let rows = of(None, rule);
+        let rows = of(None, 4);
         assert!(rows[1][2].1 > rows[0][2].1, "{rows:?}");
         // What may hold nothing gets nothing, the rest has all of it.
-        assert!(of(Some(&[true, true, false]), rule).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
-        assert!(of(Some(&[true, false, true]), rule).iter().all(|row| row[..] == [(0, 0.25), (2, 0.75)]));
-        assert!(of(Some(&[true, false, false]), rule).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
-        assert!(of(None, DecodeRule { influences: 2, ..rule }).iter().all(|row| row.len() == 2));
+        assert!(of(Some(&[true, true, false]), 4).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
+        assert!(of(Some(&[true, false, true]), 4).iter().all(|row| row[..] == [(0, 0.25), (2, 0.75)]));
+        assert!(of(Some(&[true, false, false]), 4).iter().all(|row| row[..] == [(0, 0.25), (1, 0.75)]));
+        assert!(of(None, 2).iter().all(|row| row.len() == 2));
     }
 
     #[test]
     fn a_skeleton_of_more_joints_than_the_model_reads_keeps_them_all() {
-        let (mesh, rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        let (mesh, mut rigger) = (tetrahedron(), untrained(Head::Levels, true));
+        // What is read is cut, and what it stands for is not cut again.
+        rigger.config.eval.cut = 0.4;
         let most = rigger.most_joints();
         let heights: Vec<f32> = (0..3 * most).map(|k| -0.9 + 1.8 * k as f32 / (3 * most) as f32).collect();
         let skeleton = chain(&heights);
         let wish = RigRequest { skeleton: Some(&skeleton), rank: Rank::Likelihood, ..RigRequest::default() };
         let made = rigger.make(&mesh, &wish).unwrap();
         assert_eq!((&made.skeleton, made.weights.rows()), (&skeleton, 4));
+        assert!((0..4).any(|v| made.weights.row(v).any(|(_, w)| w < 0.4)));
         assert!(made.thinned.is_some_and(|read| (1..=most).contains(&read)), "{:?}", made.thinned);
         let few = chain(&heights[..2]);
         assert_eq!(rigger.make(&mesh, &RigRequest { skeleton: Some(&few), ..wish }).unwrap().thinned, None);
