@@ -41,16 +41,18 @@ pub struct Offered {
 }
 
 impl Retrieval {
-    /// Reads the training assets; shapes are compared by so many points.
+    /// Reads the training assets; shapes are compared by so many points. Those whose skeleton has no bone, which is compared
+    /// with none, are passed over.
     ///
     /// # Errors
     /// When an asset cannot be read.
     pub fn new(assets: &Assets, cache: &Cache<Rig>, ids: &[AssetId], points: usize, seed: u64) -> Result<Self, String> {
-        let shapes = ids.par_iter().map(|&id| {
+        let of: Vec<AssetId> = ids.iter().copied().filter(|&id| assets.counts(id)[2] > 1).collect();
+        let shapes = of.par_iter().map(|&id| {
             let rig = normalized(assets, cache, id)?;
             Ok((Points::of(&cloud(&rig, points, seed, id.key())), Joints::of(rig.skeleton())))
         });
-        Ok(Self { shapes: shapes.collect::<Result<_, String>>()?, of: ids.to_vec(), points, seed })
+        Ok(Self { shapes: shapes.collect::<Result<_, String>>()?, of, points, seed })
     }
 
     /// Whether there is nothing to offer.
@@ -159,7 +161,7 @@ fn cloud(rig: &Rig, points: usize, seed: u64, key: u64) -> Vec<Vec3> {
 
 #[cfg(test)]
 mod tests {
-    use riglab_core::{Asset, Joint, Provenance, Skeleton, SkinWeights};
+    use riglab_core::{Asset, Joint, JointId, Provenance, Skeleton, SkinWeights};
     use riglab_data::CorpusWriter;
     use riglab_random::Draw;
 
@@ -201,24 +203,34 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("c.h5");
         let mut writer = CorpusWriter::create(&path).unwrap();
-        for (name, height) in [("a", 0.0), ("b", 0.5)] {
-            let joint = Joint { name: "a".into(), parent: None, head: [0.0, height, 0.0] };
+        // The last one has no bone.
+        for (name, heights) in [("a", &[0.0, 0.25][..]), ("b", &[0.5, 0.75]), ("c", &[0.0])] {
+            let joint = |(k, height): (usize, &f32)| Joint {
+                name: format!("j{k}"),
+                parent: k.checked_sub(1).map(|parent| JointId(parent as u16)),
+                head: [0.0, *height, 0.0],
+            };
+            let skeleton = Skeleton::new(heights.iter().enumerate().map(joint).collect()).unwrap();
             let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
-            let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), tetrahedron(), weights).unwrap();
+            let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
             let provenance = Provenance::default();
             writer.add(&Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
         }
-        writer.finish(&["train", "train"]).unwrap();
+        writer.finish(&["train"; 3]).unwrap();
         let (assets, cache) = (Assets::open(&[path]).unwrap(), Cache::new(1));
         let ids = assets.split("train").unwrap();
         let [a, b] = [0, 1].map(|k| normalized(&assets, &cache, ids[k]).unwrap());
         let found = |ids: &[AssetId], rig: &Rig, id| {
             Retrieval::new(&assets, &cache, ids, 32, 0).unwrap().offer(rig, id).map(|o| o.nearest.positions)
         };
-        // Both have the same mesh, so that only their numbers tell them apart.
+        // All have the same mesh, so that only their numbers tell them apart.
         assert_eq!(found(&ids, &a, ids[0]).unwrap(), Joints::of(b.skeleton()).positions);
         assert_eq!(found(&ids, &b, ids[1]).unwrap(), Joints::of(a.skeleton()).positions);
         assert_eq!(found(&ids[..1], &b, ids[1]).unwrap(), Joints::of(a.skeleton()).positions);
         assert!(found(&ids[..1], &a, ids[0]).is_none(), "nothing but itself");
+        // What has no bone is offered to none, and counts as nothing to be compared with.
+        let third = normalized(&assets, &cache, ids[2]).unwrap();
+        assert_eq!(found(&[ids[2], ids[1]], &third, ids[0]).unwrap(), Joints::of(b.skeleton()).positions);
+        assert!(Retrieval::new(&assets, &cache, &ids[2..], 32, 0).unwrap().is_empty());
     }
 }
