@@ -166,7 +166,7 @@ impl LeftOut {
     ) -> Result<Self, String> {
         let fits = |id: &AssetId| {
             let joints = assets.counts(*id)[2];
-            joints <= limits.joints && 3 * joints + 3 <= limits.tokens
+            limits.hold(joints, 3 * joints + 3)
         };
         let none: Vec<bool> = training.iter().map(|(_, ids)| ids.is_empty()).collect();
         training.iter_mut().for_each(|(_, ids)| ids.retain(fits));

@@ -34,6 +34,13 @@ impl Default for Limits {
     }
 }
 
+impl Limits {
+    /// Whether a skeleton of so many joints and tokens is within them.
+    pub fn hold(&self, joints: usize, tokens: usize) -> bool {
+        joints <= self.joints && tokens <= self.tokens
+    }
+}
+
 /// The tokens of a joint that goes on with a chain, and of one that branches off.
 const CHAIN: usize = 3;
 const BRANCH: usize = 7;

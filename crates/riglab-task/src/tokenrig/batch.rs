@@ -75,9 +75,6 @@ impl BatchSource {
         };
         let key = [id.key(), variant];
         let rig = normalized(&self.assets, &self.cache, id)?;
-        if rig.skeleton().len() > c.limits.joints {
-            return Ok(Err(Unfit::Long));
-        }
         let augmented = c.augment.apply((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
         let (rig, _) = augmented.rig.normalized();
         // Where left and right are exchanged, the names of known makes are no longer true.
@@ -85,11 +82,13 @@ impl BatchSource {
         let mut of_variant = stream(seed, "rig variant", &key);
         let class = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
         let teller = Teller { model: &c.model, layout: &self.layout, vae: &self.vae, codes: c.skin.codes };
-        let fits = |s: &Sample, ids: usize| ids <= c.longest() && s.skeleton <= c.limits.tokens;
+        let joints = rig.skeleton().len();
+        // The codes of such a skeleton have room.
+        let fits = |s: &Sample| c.limits.hold(joints, s.skeleton);
         if skin {
             let mut make = || {
                 let whole = sample(&self.tokenizer, &c.skin, &teller, &rig, class, &mut of_variant);
-                let whole = whole.and_then(|s| if fits(&s, s.ids.len()) { Ok(s) } else { Err(Unfit::Long) });
+                let whole = whole.and_then(|s| if fits(&s) { Ok(s) } else { Err(Unfit::Long) });
                 let bytes = whole.as_ref().map_or(0, Sample::bytes);
                 Ok::<_, String>((whole, bytes))
             };
@@ -103,7 +102,7 @@ impl BatchSource {
             }
         } else {
             let (sample, follow) = match skeleton(&self.tokenizer, &c.skin, &rig, class) {
-                Ok((sample, follow)) if fits(&sample, sample.ids.len() + follow) => (sample, follow),
+                Ok((sample, follow)) if fits(&sample) => (sample, follow),
                 Ok(_) => return Ok(Err(Unfit::Long)),
                 Err(fault) => return Ok(Err(fault.into())),
             };

@@ -225,6 +225,16 @@ impl Rigger {
         Some(strict)
     }
 
+    /// Whether a sequence that is drawn so may begin with this.
+    pub(super) fn draws_after(&self, prompt: &[u32], how: &GenerateConfig) -> bool {
+        self.after(self.grammar_after(prompt.len(), how), prompt).is_some()
+    }
+
+    /// The grammar of what is drawn after a prompt of so many tokens.
+    fn grammar_after(&self, prompt: usize, how: &GenerateConfig) -> Strict {
+        self.grammar(self.config.limits.tokens.min(how.tokens.saturating_add(1)).max(prompt))
+    }
+
     fn draw_until(&self, asked: Draws<'_>, streams: &mut [Stream]) -> Result<Vec<RigSample>, String> {
         let most = self.most_at_once(asked.w, asked.seen);
         // Beams are of one row after another.
@@ -256,8 +266,7 @@ impl Rigger {
         let Draws { until, w, seen, prompts, how } = asked;
         let _no_grad = tch::no_grad_guard();
         let (c, vocabulary) = (&self.config, self.tokenizer.vocabulary());
-        let tokens = c.limits.tokens.min(how.tokens.saturating_add(1)).max(prompts.first().map_or(0, Vec::len));
-        let mut strict = self.grammar(tokens);
+        let mut strict = self.grammar_after(prompts.first().map_or(0, Vec::len), how);
         if until == Until::Skeleton {
             strict.end = vocabulary.eos();
         }

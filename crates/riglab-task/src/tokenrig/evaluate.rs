@@ -195,7 +195,8 @@ impl TokenRigTask {
                 let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
                 let found = sample(&rigger.tokenizer, &c.skin, &teller, rig, true, &mut random);
                 let Ok(sample) = found else { continue };
-                if sample.ids.len() > c.longest() {
+                // As in training.
+                if !c.limits.hold(rig.skeleton().len(), sample.skeleton) {
                     continue;
                 }
                 let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
@@ -296,8 +297,16 @@ impl TokenRigTask {
             Ok(encoded) => encoded,
             Err(fault) => return Ok(Err(fault.into())),
         };
-        if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
+        if !c.limits.hold(rig.skeleton().len(), encoded.ids.len()) {
             return Ok(Err(Unfit::Long));
+        }
+        if !rigger.draws_after(&encoded.ids, &c.eval.generate) {
+            let why = rigger
+                .tokenizer
+                .decode(&encoded.ids)
+                .err()
+                .map_or_else(|| "no sequence of this model begins with its tokens".into(), |fault| fault.to_string());
+            return Ok(Err(Unfit::Unwritten(why)));
         }
         let mut streams = [stream(c.eval.seed, "skin draws", &[key])];
         let prompt = std::slice::from_ref(&encoded.ids);
@@ -479,5 +488,65 @@ impl TokenRigTask {
         let weights = rigger.pooled_skin(truth.mesh(), truth.skeleton(), &[own], key, Hold::default())?;
         ways.methods.add("given: auto-encoder".into(), &SkinTally::of(&true_weights, &dense(&weights, joints), joints));
         Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_core::{Asset, Joint, Provenance};
+    use riglab_data::CorpusWriter;
+    use riglab_nn::tokenrig::Head;
+    use riglab_train::{At, Task};
+    use tch::Device;
+
+    use super::*;
+    use crate::tokenrig::TokenRigTaskConfig;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    /// A run on rigs of a split that have so many joints.
+    fn task(path: &std::path::Path, split: &str, counts: &[u16], change: fn(&mut TokenRigTaskConfig)) -> TokenRigTask {
+        let mut writer = CorpusWriter::create(path).unwrap();
+        for count in counts {
+            let joint = |j: u16| Joint {
+                name: format!("j{j}"),
+                parent: j.checked_sub(1).map(JointId),
+                head: [0.0, f32::from(j) / f32::from(*count) - 0.5, 0.0],
+            };
+            let skeleton = Skeleton::new((0..*count).map(joint).collect()).unwrap();
+            let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+            let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+            let provenance = Provenance::default();
+            writer.add(&Asset { name: format!("of {count}"), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&vec![split; counts.len()]).unwrap();
+        let rigger = untrained(Head::Levels, true);
+        let mut config = rigger.config().clone();
+        (config.data.corpora, config.data.test) = (vec![path.into()], vec!["test".into()]);
+        change(&mut config);
+        TokenRigTask::with(config, rigger.shared_vae(), Device::Cpu).unwrap()
+    }
+
+    #[test]
+    fn a_true_skeleton_that_no_sequence_has_is_named_and_the_others_are_evaluated() {
+        let dir = tempfile::tempdir().unwrap();
+        let task = task(&dir.path().join("c.h5"), "test", &[1, 3], |c| c.tokenizer.least_joints = 2);
+        let (report, _) = task.evaluate(task.params().weights(), &mut |_| ()).unwrap();
+        let given: Vec<&SkinAsset> = report.skin_assets.iter().filter(|a| a.mode == "given").collect();
+        assert_eq!(given.iter().map(|a| &*a.name).collect::<Vec<_>>(), ["of 1", "of 3"]);
+        assert!(!given[0].unwritten.is_empty() && given[0].iou.is_nan(), "{given:?}");
+        assert!(given[1].unwritten.is_empty() && given[1].l1.is_finite(), "{given:?}");
+    }
+
+    #[test]
+    fn validation_losses_are_of_rigs_that_are_trained_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let lost = |name: &str, counts: &[u16]| {
+            let task = task(&dir.path().join(name), "val", counts, |c| c.limits.joints = 3);
+            let at = At { seed: 0, step: 0, batch: 0, ranks: &riglab_ranks::ALONE };
+            let found = task.validate(task.params().weights(), at).unwrap().metrics;
+            found.iter().find(|(name, _)| name == "skeleton@val").unwrap().1
+        };
+        // Four joints have room in as many tokens as there are, but are too many.
+        assert!(lost("within.h5", &[3]).is_finite() && lost("beyond.h5", &[4]).is_nan());
     }
 }

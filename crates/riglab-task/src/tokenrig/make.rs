@@ -253,8 +253,7 @@ impl Rigger {
 
     /// Whether a skeleton of so many joints is within the limits.
     pub(super) fn reads(&self, encoded: &Encoded, joints: usize) -> bool {
-        let c = &self.config.limits;
-        joints <= c.joints && encoded.ids.len() <= c.tokens
+        self.config.limits.hold(joints, encoded.ids.len())
     }
 
     /// A skeleton's sequence, however long.

@@ -122,7 +122,7 @@ impl BatchSource {
             Ok(encoded) => encoded,
             Err(fault) => return Ok(Err(fault.into())),
         };
-        if encoded.ids.len() > c.limits.tokens || rig.skeleton().len() > c.limits.joints {
+        if !c.limits.hold(rig.skeleton().len(), encoded.ids.len()) {
             return Ok(Err(Unfit::Long));
         }
         let normals = augmented.normals.as_ref();

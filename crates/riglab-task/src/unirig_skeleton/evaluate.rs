@@ -258,13 +258,14 @@ impl SkeletonTask {
                 ids.iter().map(|&id| normalized(&self.assets, &self.cache, id)).collect::<Result<Vec<_>, _>>()?;
             let mut batch = Batch::default();
             for (rig, id) in rigs.iter().zip(ids) {
+                let c = &self.config;
                 let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), true) else { continue };
-                if encoded.ids.len() > self.config.limits.tokens {
+                // As in training.
+                if !c.limits.hold(rig.skeleton().len(), encoded.ids.len()) {
                     continue;
                 }
-                let mut random = stream(self.config.eval.seed, "skeleton evaluation", &[id.key()]);
-                let sampler = CloudSampler::new(rig.mesh(), &self.config.sampling.cloud);
-                let c = &self.config;
+                let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
+                let sampler = CloudSampler::new(rig.mesh(), &c.sampling.cloud);
                 shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
                 batch.lengths.push(encoded.ids.len() as i64);
                 batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
