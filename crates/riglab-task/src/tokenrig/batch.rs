@@ -80,9 +80,9 @@ impl BatchSource {
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let mut of_variant = stream(seed, "rig variant", &key);
-        let class = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
+        let told = !of_variant.chance(c.sampling.class_dropout) && !mirrored;
         let teller = Teller { model: &c.model, layout: &self.layout, vae: &self.vae, codes: c.skin.codes };
-        let joints = rig.skeleton().len();
+        let (class, joints) = ((c.class.as_str(), told), rig.skeleton().len());
         // The codes of such a skeleton have room.
         let fits = |s: &Sample| c.limits.hold(joints, s.skeleton);
         if skin {

@@ -23,8 +23,8 @@ use crate::unirig_skeleton::agree::Agreement;
 pub struct TokenRigTaskConfig {
     /// The task's name: `tokenrig`.
     pub task: String,
-    /// The class token that generated skeletons begin with; empty for none. Published models that always had a class in
-    /// training need one.
+    /// The class that every skeleton begins with whose joints' names tell none: those drawn freely, those that are given, and
+    /// those of the corpora; empty for none. Published models that always had a class in training need one.
     pub class: String,
     /// Corpora and splits.
     pub data: DataConfig,

@@ -193,7 +193,8 @@ impl TokenRigTask {
             let mut batch = Batch::default();
             for (rig, id) in rigs.iter().zip(ids) {
                 let mut random = stream(c.eval.seed, "rig variant", &[id.key()]);
-                let found = sample(&rigger.tokenizer, &c.skin, &teller, rig, true, &mut random);
+                let class = (c.class.as_str(), true);
+                let found = sample(&rigger.tokenizer, &c.skin, &teller, rig, class, &mut random);
                 let Ok(sample) = found else { continue };
                 // As in training.
                 if !c.limits.hold(rig.skeleton().len(), sample.skeleton) {
@@ -293,7 +294,7 @@ impl TokenRigTask {
     /// has no sequence within the limits.
     fn given(&self, w: &Weights, seen: &Condition, rig: &Rig, key: u64) -> Result<Result<Vec<Codes>, Unfit>, String> {
         let (rigger, c) = (&self.rigger, &self.rigger.config);
-        let encoded = match encode(&rigger.tokenizer, rig.skeleton(), true) {
+        let encoded = match encode(&rigger.tokenizer, &c.class, rig.skeleton(), true) {
             Ok(encoded) => encoded,
             Err(fault) => return Ok(Err(fault.into())),
         };

@@ -12,6 +12,7 @@ use super::{RigSample, Rigger};
 use crate::grpo::{JudgeSettings, Subject, rewards};
 use crate::sequences::{NO_SKELETON, of_class};
 use crate::unirig_skeleton::agree::{Agreement, Chosen};
+use crate::unirig_skeleton::batch::class_of;
 
 /// By what the best of several rigs is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -264,7 +265,7 @@ impl Rigger {
         let joints: Vec<_> = skeleton.heads().iter().map(|&p| map.apply(p).map(f64::from)).collect();
         let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
         let names = skeleton.names();
-        let class = class_of(names);
+        let class = class_of(&self.tokenizer, &self.config.class, names);
         let bones = Bones { joints: &joints, parents: &parents, names };
         let encoded = self.tokenizer.encode_bones(&bones, class);
         encoded.map_err(|e| format!("the given skeleton cannot be written as tokens: {e}"))
@@ -282,11 +283,6 @@ impl Rigger {
     fn of_class(&self, class: &str) -> Result<Vec<u32>, String> {
         of_class(self.tokenizer.vocabulary(), class, self.config.limits, |ids| self.may_begin(ids))
     }
-}
-
-/// The class of a skeleton, by the names of its joints.
-pub(super) fn class_of(names: &[String]) -> Option<&'static str> {
-    riglab_token::Template::detect(names).map(|t| t.class)
 }
 
 #[cfg(test)]

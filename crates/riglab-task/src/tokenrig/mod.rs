@@ -316,7 +316,7 @@ mod tests {
         let (c, rig, w) = (rigger.config.clone(), rig(), rigger.params.weights());
         let teller = rigger.teller();
         let random = &mut stream(0, "test", &[]);
-        let whole = sample::sample(&rigger.tokenizer, &c.skin, &teller, &rig, true, random).unwrap();
+        let whole = sample::sample(&rigger.tokenizer, &c.skin, &teller, &rig, ("", true), random).unwrap();
         let prompt: Vec<u32> = whole.ids[..whole.skeleton].iter().map(|&id| id as u32).collect();
         let seen = rigger.condition(w, &[(rig.mesh(), 0), (rig.mesh(), 1)]);
         let streams = &mut [0, 1].map(|k| stream(k, "test", &[]));
@@ -386,8 +386,8 @@ mod tests {
             c.loss.skin_warmup = [0.5, 0.75];
             let layout = rigger.net.layout();
             let random = &mut stream(0, "test", &[]);
-            let whole = sample::sample(&rigger.tokenizer, &c.skin, &rigger.teller(), &rig, true, random).unwrap();
-            let (alone, follow) = sample::skeleton(&rigger.tokenizer, &c.skin, &rig, true).unwrap();
+            let whole = sample::sample(&rigger.tokenizer, &c.skin, &rigger.teller(), &rig, ("", true), random).unwrap();
+            let (alone, follow) = sample::skeleton(&rigger.tokenizer, &c.skin, &rig, ("", true)).unwrap();
             assert_eq!((alone.skeleton, &alone.ids[..]), (whole.skeleton, &whole.ids[..whole.skeleton]));
             assert_eq!(alone.ids.len() + follow, whole.ids.len(), "{head:?} {empty}");
             let batch = |sample: &Sample, unasked| {

@@ -33,7 +33,8 @@ impl Sample {
     }
 }
 
-/// The beginning of a rig's sequence, its skeleton, and how many ids follow it in the whole.
+/// The beginning of a rig's sequence, its skeleton, and how many ids follow it in the whole. `class`, and whether it is
+/// `told` by names, as of [`encode`].
 ///
 /// # Errors
 /// Where it cannot be written.
@@ -41,9 +42,9 @@ pub fn skeleton(
     tokenizer: &Tokenizer,
     skin: &SkinConfig,
     rig: &Rig,
-    class: bool,
+    (class, told): (&str, bool),
 ) -> Result<(Sample, usize), EncodeFault> {
-    let encoded = encode(tokenizer, rig.skeleton(), class)?;
+    let encoded = encode(tokenizer, class, rig.skeleton(), told)?;
     let ids: Vec<i64> = encoded.ids.iter().map(|&id| i64::from(id)).collect();
     let skeleton = ids.len();
     let follow = codes_of(skin, rig).into_iter().sum::<usize>() + 1;
@@ -62,7 +63,7 @@ fn codes_of(skin: &SkinConfig, rig: &Rig) -> Vec<usize> {
     out
 }
 
-/// A rig's sequence. `random` draws the points that its codes are made from.
+/// A rig's sequence, as of [`skeleton`]. `random` draws the points that its codes are made from.
 ///
 /// # Errors
 /// Where its skeleton cannot be written, or not be read again.
@@ -71,10 +72,10 @@ pub(crate) fn sample(
     skin: &SkinConfig,
     teller: &Teller,
     rig: &Rig,
-    class: bool,
+    (class, told): (&str, bool),
     random: &mut Stream,
 ) -> Result<Sample, Unfit> {
-    let encoded = encode(tokenizer, rig.skeleton(), class)?;
+    let encoded = encode(tokenizer, class, rig.skeleton(), told)?;
     let sight = Sight::of(teller.model, rig.mesh());
     let prepared = match sight.as_ref().and_then(Sight::ground) {
         Some(ground) => Prepared::with_ground(ground, String::new(), rig.clone(), !skin.empty),

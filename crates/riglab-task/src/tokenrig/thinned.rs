@@ -9,7 +9,6 @@ use riglab_core::{DecodeRule, Joint, JointId, Mesh, Segment, Similarity, Skeleto
 use riglab_token::{Encoded, Template};
 
 use super::Rigger;
-use super::make::class_of;
 use super::skin::{Codes, Hold};
 
 /// A given skeleton as the model reads it.
@@ -117,7 +116,7 @@ type Next = (u8, u32, usize, usize);
 impl Thinning {
     fn new(skeleton: &Skeleton, holders: Option<&[bool]>) -> Self {
         let names = skeleton.names();
-        let template = class_of(names).and_then(Template::of);
+        let template = Template::detect(names);
         let kind = |j: usize| match (holders.is_none_or(|able| able[j]), template.is_some_and(|t| t.has(&names[j]))) {
             (false, _) => 0,
             (true, false) => 1,

@@ -118,7 +118,7 @@ impl BatchSource {
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let told = !random.chance(c.sampling.class_dropout) && !mirrored;
-        let encoded = match encode(&self.tokenizer, rig.skeleton(), told) {
+        let encoded = match encode(&self.tokenizer, &c.class, rig.skeleton(), told) {
             Ok(encoded) => encoded,
             Err(fault) => return Ok(Err(fault.into())),
         };
@@ -151,15 +151,31 @@ impl Source for BatchSource {
     }
 }
 
-/// A skeleton's tokens; `told`: with its class, where it has one.
-pub(crate) fn encode(tokenizer: &Tokenizer, skeleton: &Skeleton, told: bool) -> Result<Encoded, EncodeFault> {
+/// A skeleton's tokens, with its class as of [`class_of`]; `told`: by its names, else as that of no known make.
+pub(crate) fn encode(
+    tokenizer: &Tokenizer,
+    class: &str,
+    skeleton: &Skeleton,
+    told: bool,
+) -> Result<Encoded, EncodeFault> {
     if told {
-        return tokenizer.encode(skeleton, Template::detect(skeleton.names()).map(|t| t.class));
+        return tokenizer.encode(skeleton, class_of(tokenizer, class, skeleton.names()));
     }
     let joints: Vec<_> = skeleton.heads().iter().map(|p| p.map(f64::from)).collect();
     let parents: Vec<_> = skeleton.parents().iter().map(|p| p.map(riglab_core::JointId::index)).collect();
-    // Without names it is of no known make.
-    tokenizer.encode_bones(&Bones { joints: &joints, parents: &parents, names: &[] }, None)
+    // Names that tell nothing.
+    let names: Vec<String> = (0..joints.len()).map(|j| j.to_string()).collect();
+    let bones = Bones { joints: &joints, parents: &parents, names: &names };
+    tokenizer.encode_bones(&bones, class_of(tokenizer, class, &names))
+}
+
+/// The class that a skeleton is written with: that of the template which its names tell, where there is a token for it; else
+/// `class`, what sequences of the model begin with (empty for none), unless that is of a template, whose joints it lacks.
+pub(crate) fn class_of<'a>(tokenizer: &Tokenizer, class: &'a str, names: &[String]) -> Option<&'a str> {
+    let told = Template::detect(names).map(|t| t.class);
+    let written = |class: &&str| tokenizer.vocabulary().class_named(class).is_some();
+    let of_template = |class: &str| tokenizer.config().templates && Template::of(class).is_some();
+    told.filter(written).or(Some(class).filter(|class| !class.is_empty() && !of_template(class))).or(told)
 }
 
 /// Adds a cloud and what is picked from it for a shape encoder.
@@ -229,8 +245,47 @@ pub(crate) fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Re
 mod tests {
     use riglab_core::Mesh;
     use riglab_random::stream;
+    use riglab_token::Preset;
 
     use super::*;
+
+    #[test]
+    fn sequences_of_skeletons_begin_as_free_ones_do() {
+        let named = |names: &[&str]| {
+            let joint = |(k, name): (usize, &&str)| riglab_core::Joint {
+                name: (*name).into(),
+                parent: k.checked_sub(1).map(|p| riglab_core::JointId(p as u16)),
+                head: [0.0, 0.01 * k as f32, 0.0],
+            };
+            Skeleton::new(names.iter().enumerate().map(joint).collect()).unwrap()
+        };
+        let of = |preset: Preset, class: &str, skeleton: &Skeleton, told| {
+            let tokenizer = Tokenizer::new(preset.config());
+            let ids = encode(&tokenizer, class, skeleton, told).unwrap().ids;
+            tokenizer.vocabulary().word(ids[1])
+        };
+        let plain = named(&["a", "b"]);
+        let [mixamo, vroid] = ["mixamo", "vroid"].map(|class| {
+            let joints: Vec<&str> = Template::of(class).unwrap().joints().map(|(name, ..)| name).collect();
+            named(&joints)
+        });
+        for told in [true, false] {
+            assert_eq!(of(Preset::SkintokensReleased, "articulation", &plain, told), "<articulation>");
+            assert_eq!(of(Preset::UnirigReleased, "articulationxl", &plain, told), "<articulationxl>");
+            // It lacks the joints of a template that the tokenizer knows.
+            assert_eq!(of(Preset::UnirigReleased, "mixamo", &plain, told), "<no class>");
+            assert_eq!(of(Preset::Riglab, "mixamo", &plain, told), "<no class>");
+            assert_eq!(of(Preset::SkintokensReleased, "", &plain, told), "<no class>");
+        }
+        assert_eq!(of(Preset::UnirigReleased, "articulationxl", &mixamo, true), "<mixamo>");
+        assert_eq!(of(Preset::UnirigReleased, "articulationxl", &mixamo, false), "<articulationxl>");
+        assert_eq!(of(Preset::SkintokensReleased, "articulation", &vroid, true), "<vroid>");
+        assert_eq!(
+            of(Preset::SkintokensReleased, "articulation", &mixamo, true),
+            "<articulation>",
+            "of no class there"
+        );
+    }
 
     #[test]
     fn picks_may_be_sorted_so_that_near_ones_stay_together_and_in_the_mirror_as_there() {

@@ -19,7 +19,8 @@ use crate::settings::{TaskSettings, own_settings, weights};
 pub struct SkeletonTaskConfig {
     /// The task's name: `unirig_skeleton`.
     pub task: String,
-    /// The class that skeletons drawn freely begin with; empty: none is told.
+    /// The class that every skeleton begins with whose joints' names tell none: those drawn freely, and those of the corpora;
+    /// empty for none.
     pub class: String,
     /// Corpora and splits.
     pub data: DataConfig,

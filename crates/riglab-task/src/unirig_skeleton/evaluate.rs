@@ -259,7 +259,7 @@ impl SkeletonTask {
             let mut batch = Batch::default();
             for (rig, id) in rigs.iter().zip(ids) {
                 let c = &self.config;
-                let Ok(encoded) = encode(&self.tokenizer, rig.skeleton(), true) else { continue };
+                let Ok(encoded) = encode(&self.tokenizer, &c.class, rig.skeleton(), true) else { continue };
                 // As in training.
                 if !c.limits.hold(rig.skeleton().len(), encoded.ids.len()) {
                     continue;

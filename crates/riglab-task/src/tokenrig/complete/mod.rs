@@ -23,9 +23,9 @@ use riglab_token::Bones;
 
 use self::merge::{Merged, grafted};
 pub(super) use self::part::part;
-use super::make::class_of;
 use super::{Condition, RigSample, Rigger};
 use crate::unirig_skeleton::agree::{Agreement, joints_in_the_mirror};
+use crate::unirig_skeleton::batch::class_of;
 use crate::unirig_skeleton::evaluate::joints;
 
 /// What a given joint counts, in the cube, that a draw has nowhere or further away: about what joints of two sane skeletons
@@ -106,7 +106,8 @@ impl Rigger {
         let parents: Vec<_> = all.iter().map(|joint| joint.parent.map(JointId::index)).collect();
         let names: Vec<_> = all.iter().map(|joint| joint.name.clone()).collect();
         let bones = Bones { joints: &joints, parents: &parents, names: &names };
-        self.tokenizer.encode_bones(&bones, class_of(&names)).map_or(usize::MAX, |encoded| encoded.ids.len())
+        let class = class_of(&self.tokenizer, &self.config.class, &names);
+        self.tokenizer.encode_bones(&bones, class).map_or(usize::MAX, |encoded| encoded.ids.len())
     }
 }
 
