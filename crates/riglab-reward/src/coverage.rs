@@ -74,6 +74,11 @@ impl Coverage {
         out
     }
 
+    /// How many bytes it takes.
+    pub(crate) fn bytes(&self) -> usize {
+        size_of_val(&*self.blocks) + self.cells.iter().map(|axis| size_of_val(&**axis)).sum::<usize>()
+    }
+
     /// [`coverage`] of joints.
     pub fn of(&self, heads: &[[f64; 3]], alpha: f64) -> f64 {
         if heads.is_empty() || self.count == 0 {

@@ -151,6 +151,12 @@ impl Scorer {
         Self { config: config.clone(), voxels, cells, map, positions, edges, inverse }
     }
 
+    /// About how many bytes it takes.
+    pub fn bytes(&self) -> usize {
+        let of_mesh = size_of_val(&*self.positions) + size_of_val(&*self.edges) + size_of_val(&*self.inverse);
+        self.voxels.lattice().cells() / 8 + self.cells.bytes() + of_mesh
+    }
+
     /// The body's cells.
     pub fn voxels(&self) -> &Voxels {
         &self.voxels

@@ -28,7 +28,7 @@ pub struct DataConfig {
     pub test: Vec<String>,
     /// Assets with more joints are left out of training (not of evaluation).
     pub max_joints: usize,
-    /// Memory for prepared assets, in MB.
+    /// Memory for prepared assets, in MB: for all kinds of what a task prepares together.
     pub cache_mb: usize,
     /// The axis that points up in what the network sees: models that others trained in Blender's axes have `z`.
     pub up: Up,
@@ -492,10 +492,17 @@ struct CacheState<T, K> {
 }
 
 impl<T, K: Copy + Eq + std::hash::Hash> Cache<T, K> {
-    /// Empty.
-    pub fn new(megabytes: usize) -> Self {
+    /// Empty, with an equal part of the memory that a run has for so many `kinds` of what is prepared.
+    pub fn of(config: &DataConfig, kinds: usize) -> Self {
         let held = CacheState { of: HashMap::new(), order: VecDeque::new(), bytes: 0 };
-        Self { limit: megabytes << 20, held: Mutex::new(held) }
+        Self { limit: (config.cache_mb << 20) / kinds.max(1), held: Mutex::new(held) }
+    }
+
+    /// How many are kept, and their bytes.
+    #[cfg(test)]
+    pub(crate) fn kept(&self) -> [usize; 2] {
+        let held = self.lock();
+        [held.of.len(), held.bytes]
     }
 
     /// What is kept of an asset, or what `make` makes of it, with its size in bytes. Two threads that
@@ -638,12 +645,13 @@ mod tests {
 
     #[test]
     fn the_cache_stays_within_its_limit() {
-        let cache = Cache::new(1);
+        let config = DataConfig { cache_mb: 2, ..DataConfig::default() };
+        let cache = Cache::of(&config, 2);
         let id = |index| AssetId { corpus: 0, index };
         for i in 0..10 {
             cache.get::<()>(id(i), || Ok((i, 300_000))).unwrap();
         }
-        assert!(cache.lock().bytes <= 1 << 20);
+        assert!(cache.kept()[1] <= 1 << 20);
         assert_eq!(*cache.get::<()>(id(9), || panic!("is kept")).unwrap(), 9);
         assert_eq!(*cache.get::<()>(id(0), || Ok((100, 1))).unwrap(), 100);
     }

@@ -60,7 +60,7 @@ impl FsqCvaeTask {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
         assets.rigged(&config.data)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
-        let cache = Arc::new(Cache::new(config.data.cache_mb));
+        let cache = Arc::new(Cache::of(&config.data, 1));
         Ok(Self { assets: Arc::new(assets), cache, train_assets, validation_assets, net, params, device, config })
     }
 

@@ -24,7 +24,7 @@ use crate::assets::AssetId;
 use crate::experiment::{Sheet, places, sheet_file};
 use crate::tokenrig::RigSample;
 use crate::unirig_skeleton::Batch as Shapes;
-use crate::unirig_skeleton::batch::{normalized, shape};
+use crate::unirig_skeleton::batch::{bytes_of, in_cube, shape};
 use crate::unirig_skeleton::evaluate::{Sums, joints};
 
 /// Rigs drawn of the mesh whose best and worst are shown.
@@ -35,8 +35,15 @@ const SIDE: u32 = 280;
 /// A mesh whose true rig is known.
 pub struct JudgedMesh {
     id: AssetId,
-    rig: Arc<Rig>,
+    rig: Rig,
     subject: Subject,
+}
+
+impl JudgedMesh {
+    /// About how many bytes it takes: it has the mesh twice.
+    fn bytes(&self) -> usize {
+        2 * bytes_of(&self.rig) + self.subject.scorer.bytes()
+    }
 }
 
 /// What a model makes of one.
@@ -158,7 +165,7 @@ fn metrics(row: &Row, first: First, within: bool, j2j: Option<f64>) -> Vec<(Stri
 impl GrpoTask {
     fn held_of(&self, id: AssetId) -> Result<JudgedMesh, String> {
         let pool = self.policy.pool();
-        let rig = normalized(pool.assets, pool.cache, id)?;
+        let rig = in_cube(pool.assets, id)?;
         let scorer = Scorer::new(rig.mesh(), &self.config.reward);
         let name = pool.assets.name(id).map_err(|e| e.to_string())?;
         let subject = Subject { key: id.key(), name, mesh: rig.mesh().clone(), scorer };
@@ -209,29 +216,28 @@ impl GrpoTask {
         }
     }
 
-    /// Meshes of the validation split, the same ones each time.
-    fn validation_meshes(&self) -> Result<Vec<Arc<JudgedMesh>>, String> {
-        if let Some(all) = &*self.held.borrow() {
-            return Ok(all.clone());
-        }
+    /// Assets of the validation split, the same ones each time.
+    fn validated(&self) -> Vec<AssetId> {
         let c = &self.config.eval;
-        let ids = self.config.data.some_of(self.policy.pool().validate, c.validation_assets, c.seed);
-        let all = ids.into_iter().map(|id| self.held_of(id).map(Arc::new)).collect::<Result<Vec<_>, _>>()?;
-        self.held.replace(Some(all.clone()));
-        Ok(all)
+        self.config.data.some_of(self.policy.pool().validate, c.validation_assets, c.seed)
+    }
+
+    /// One of them, made ready or kept from before.
+    fn held(&self, id: AssetId) -> Result<Arc<JudgedMesh>, String> {
+        self.held.get(id, || {
+            let made = self.held_of(id)?;
+            let bytes = made.bytes();
+            Ok((made, bytes))
+        })
     }
 
     /// The row of the validation split, and what the guard looks at. Ranks share the meshes.
-    fn validation_row(
-        &self,
-        w: &Weights,
-        all: &[Arc<JudgedMesh>],
-        ranks: &Ranks,
-    ) -> Result<(Row, Option<f64>), String> {
+    fn validation_row(&self, w: &Weights, all: &[AssetId], ranks: &Ranks) -> Result<(Row, Option<f64>), String> {
         let how = self.counted();
         let parts: Vec<_> = all.chunks((self.config.eval.rows / how.count()).max(1)).collect();
         let judged = |k: usize| {
-            let meshes: Vec<&JudgedMesh> = parts[k].iter().map(|h| &**h).collect();
+            let held = parts[k].iter().map(|&id| self.held(id)).collect::<Result<Vec<_>, _>>()?;
+            let meshes: Vec<&JudgedMesh> = held.iter().map(|h| &**h).collect();
             let found = self.judge(w, &meshes, how, &mut Tally::default())?;
             let truths = meshes.iter().flat_map(|h| (0..how.count()).map(|_| Joints::of(h.rig.skeleton())));
             let told = |(found, truth): (Outcome, Joints)| {
@@ -249,7 +255,7 @@ impl GrpoTask {
     /// Rewards and distances on the validation split, and how far the distances may worsen.
     pub(super) fn validation(&self, w: &Weights, at: At) -> Result<Validation, String> {
         let _no_grad = tch::no_grad_guard();
-        let all = self.validation_meshes()?;
+        let all = self.validated();
         let first = match self.first.get() {
             Some(first) => first,
             None => {
@@ -281,7 +287,7 @@ impl GrpoTask {
             ));
         }
         let shown = all.first().filter(|_| at.ranks.leads());
-        let sheet = shown.map(|held| self.picture(w, held)).transpose()?.flatten();
+        let sheet = shown.map(|&id| self.picture(w, &*self.held(id)?)).transpose()?.flatten();
         let picture = |p: Picture| ("rigs/best_and_worst".into(), p.width() as u32, p.height() as u32, p.to_png());
         Ok(Validation { metrics, pictures: sheet.into_iter().map(picture).collect(), warnings })
     }
@@ -431,7 +437,46 @@ impl GrpoTask {
 
 #[cfg(test)]
 mod tests {
+    use riglab_nn::tokenrig::Head;
+
     use super::*;
+    use crate::grpo::GrpoTaskConfig;
+    use crate::tokenrig::testing::{tetrahedron, untrained};
+
+    /// A run on two meshes, with so much memory for them.
+    fn task(dir: &std::path::Path, cache_mb: usize) -> GrpoTask {
+        let path = dir.join(format!("{cache_mb}.h5"));
+        let mut writer = riglab_data::CorpusWriter::create(&path).unwrap();
+        for (name, tip) in [("a", 0.5), ("b", 0.75)] {
+            let joint = |name: &str, parent, y| riglab_core::Joint { name: name.into(), parent, head: [0.0, y, 0.0] };
+            let joints = vec![joint("root", None, 0.0), joint("tip", Some(riglab_core::JointId(0)), tip)];
+            let weights = riglab_core::SkinWeights::normalized((0..4).map(|v| [(v % 2, 1.0)])).unwrap();
+            let skeleton = riglab_core::Skeleton::new(joints).unwrap();
+            let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+            let provenance = riglab_core::Provenance::default();
+            writer.add(&riglab_core::Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
+        }
+        writer.finish(&["val"; 2]).unwrap();
+        let mut config = GrpoTaskConfig::default();
+        (config.data.corpora, config.data.cache_mb) = (vec![path], cache_mb);
+        (config.reward.resolution, config.held_out.draws, config.eval.rows) = (8, 2, 2);
+        GrpoTask::with(config, &untrained(Head::Levels, true), tch::Device::Cpu).unwrap()
+    }
+
+    #[test]
+    fn meshes_are_kept_while_there_is_memory_for_them_which_changes_nothing() {
+        let dir = tempfile::tempdir().unwrap();
+        let [little, much] = [0, 64].map(|cache_mb| {
+            let task = task(dir.path(), cache_mb);
+            let at = At { seed: 0, step: 0, batch: 0, ranks: &riglab_ranks::ALONE };
+            let validation = task.validation(task.policy.params().weights(), at).unwrap();
+            let kept = task.held.kept();
+            assert!(kept[1] > 4 * 8 * 8 * 8, "{kept:?}");
+            (validation.metrics, kept[0])
+        });
+        assert_eq!([little.1, much.1], [1, 2], "the last one is always kept");
+        assert_eq!(little.0, much.0);
+    }
 
     #[test]
     fn meshes_without_rigs_are_not_compared_with_any() {

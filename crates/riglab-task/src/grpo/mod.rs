@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use riglab_core::Rig;
 use riglab_data::Mixture;
 use riglab_nn::grpo::{Policies, objective};
 use riglab_nn::params::{Params, Weights};
@@ -33,6 +34,7 @@ use tch::{Device, Kind, Tensor};
 
 pub use batch::{Batch, BatchSource, Subject};
 pub use config::{Dead, GrpoTaskConfig, GuardConfig, RolloutConfig, StartConfig};
+use evaluate::JudgedMesh;
 pub(crate) use lineage::{descends, refined, same_start};
 use lineage::{startable, started};
 pub use report::{AssetRow, AssetScore, Evaluation, Report, Row};
@@ -40,7 +42,7 @@ use rollout::{GAP, floats, settle};
 pub use rollout::{Rollout, Sequence, noted};
 pub use score::{JudgeSettings, candidates, rewards};
 
-use crate::assets::{Assets, DataConfig};
+use crate::assets::{Assets, Cache, DataConfig};
 use crate::experiment::{Examined, Experiment};
 use crate::settings::{Settings, TaskSettings};
 use crate::tokenrig::{Card, Rigger, TokenRigTask, TokenRigTaskConfig};
@@ -85,8 +87,10 @@ pub struct GrpoTask {
     rollout: RefCell<Option<Rollout>>,
     /// The start on the validation split, once it is known.
     first: Cell<Option<First>>,
-    /// The meshes of the validation split, prepared when they are first asked for.
-    held: RefCell<Option<Vec<Arc<evaluate::JudgedMesh>>>>,
+    /// What is trained on, as far as there is memory for it.
+    meshes: Arc<Cache<Rig>>,
+    /// The same of the validation split, voxelised.
+    held: Cache<JudgedMesh>,
 }
 
 impl GrpoTask {
@@ -122,8 +126,8 @@ impl GrpoTask {
         let named = start.named(start.weights()).map(|(n, t)| (n.to_string(), t.detach().copy())).collect();
         policy.params().load(&named).map_err(|e| e.to_string())?;
         let start = policy.params().weights().detached_copy();
-        let (rollout, held) = (RefCell::default(), RefCell::default());
-        Ok(Self { config, policy, start, rollout, first: Cell::new(None), held })
+        let (meshes, held) = (Arc::new(Cache::of(&config.data, 2)), Cache::of(&config.data, 2));
+        Ok(Self { config, policy, start, rollout: RefCell::default(), first: Cell::new(None), meshes, held })
     }
 
     /// Whether a run's settings are of skeletons alone: of a model that makes no weights.
@@ -320,7 +324,7 @@ impl Task for GrpoTask {
             cloud: cloud.clone(),
             model: model.clone(),
             assets: pool.assets.clone(),
-            cache: pool.cache.clone(),
+            cache: self.meshes.clone(),
             meshes: Mixture::new(self.config.train.seed, pool.train.to_vec()),
         })
     }

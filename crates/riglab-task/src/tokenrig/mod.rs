@@ -99,7 +99,9 @@ impl TokenRigTask {
     pub(crate) fn on_meshes(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
         let left_out = LeftOut::default();
-        let (cache, samples) = (Arc::new(Cache::new(config.data.cache_mb)), Arc::new(Cache::new(config.data.cache_mb)));
+        // Samples are kept where there are few of each rig.
+        let kinds = if config.sampling.variants == 0 { 1 } else { 2 };
+        let (cache, samples) = (Arc::new(Cache::of(&config.data, kinds)), Arc::new(Cache::of(&config.data, kinds)));
         let rigger = Rigger::new(config, vae, device)?;
         Ok(Self { rigger, assets: Arc::new(assets), cache, samples, train_assets, validation_assets, left_out })
     }

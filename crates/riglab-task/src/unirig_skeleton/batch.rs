@@ -234,11 +234,21 @@ fn some_of(n: usize, count: usize, random: &mut Stream) -> Vec<usize> {
 /// An asset's rig in the cube, from the cache or the corpus.
 pub(crate) fn normalized(assets: &Assets, cache: &Cache<Rig>, id: AssetId) -> Result<Arc<Rig>, String> {
     cache.get(id, || {
-        let asset = assets.read(id).map_err(|e| e.to_string())?;
-        let (rig, _) = asset.rig.normalized();
-        let bytes = 24 * rig.mesh().positions().len() + 12 * rig.mesh().triangles().len() + 8 * rig.weights().nonzero();
+        let rig = in_cube(assets, id)?;
+        let bytes = bytes_of(&rig);
         Ok((rig, bytes))
     })
+}
+
+/// The same, read anew.
+pub(crate) fn in_cube(assets: &Assets, id: AssetId) -> Result<Rig, String> {
+    let asset = assets.read(id).map_err(|e| e.to_string())?;
+    Ok(asset.rig.normalized().0)
+}
+
+/// About how many bytes a rig takes.
+pub(crate) fn bytes_of(rig: &Rig) -> usize {
+    24 * rig.mesh().positions().len() + 12 * rig.mesh().triangles().len() + 8 * rig.weights().nonzero()
 }
 
 #[cfg(test)]

@@ -71,7 +71,7 @@ impl SkeletonTask {
         let left_out = LeftOut::default();
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
-        let cache = Arc::new(Cache::new(config.data.cache_mb));
+        let cache = Arc::new(Cache::of(&config.data, 1));
         Ok(Self {
             assets: Arc::new(assets),
             cache,

@@ -166,6 +166,7 @@ mod tests {
     use riglab_random::Draw;
 
     use super::*;
+    use crate::assets::DataConfig;
     use crate::tokenrig::testing::tetrahedron;
 
     /// The formula as it is written.
@@ -217,7 +218,7 @@ mod tests {
             writer.add(&Asset { name: name.into(), rig, clips: Vec::new(), provenance }).unwrap();
         }
         writer.finish(&["train"; 3]).unwrap();
-        let (assets, cache) = (Assets::open(&[path]).unwrap(), Cache::new(1));
+        let (assets, cache) = (Assets::open(&[path]).unwrap(), Cache::of(&DataConfig::default(), 1));
         let ids = assets.split("train").unwrap();
         let [a, b] = [0, 1].map(|k| normalized(&assets, &cache, ids[k]).unwrap());
         let found = |ids: &[AssetId], rig: &Rig, id| {

@@ -64,8 +64,8 @@ impl SkinTask {
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         Ok(Self {
             assets: Arc::new(assets),
-            cache: Arc::new(Cache::new(config.data.cache_mb)),
-            validated: Cache::new(config.data.cache_mb),
+            cache: Arc::new(Cache::of(&config.data, 2)),
+            validated: Cache::of(&config.data, 2),
             train_assets,
             validation_assets,
             net,

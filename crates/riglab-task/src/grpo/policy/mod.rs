@@ -15,7 +15,7 @@ use riglab_random::Stream;
 use tch::{Device, Tensor};
 
 use super::rollout::Sequence;
-use crate::assets::{AssetId, Assets, Cache, Up};
+use crate::assets::{AssetId, Assets, Up};
 use crate::fsq_cvae::Frozen;
 use crate::tokenrig::{RigSample, Rigger};
 use crate::unirig_skeleton::Batch as Shapes;
@@ -63,7 +63,6 @@ pub(super) trait Policy {
 /// The corpora of a run, and the assets it takes.
 pub(super) struct Pool<'a> {
     pub assets: &'a Arc<Assets>,
-    pub cache: &'a Arc<Cache<Rig>>,
     pub train: &'a [(f32, Vec<AssetId>)],
     pub validate: &'a [AssetId],
 }

@@ -61,8 +61,7 @@ impl Policy for TokenRigTask {
     }
 
     fn pool(&self) -> Pool<'_> {
-        let (assets, cache) = (&self.assets, &self.cache);
-        Pool { assets, cache, train: &self.train_assets, validate: &self.validation_assets }
+        Pool { assets: &self.assets, train: &self.train_assets, validate: &self.validation_assets }
     }
 
     fn notes(&self) -> Vec<String> {
