@@ -107,6 +107,11 @@ impl Recipe {
         discretise.validate().map_err(at("discretise"))
     }
 
+    /// Whether what becomes of a mesh hangs on its skeleton: whether vertices go with joints, or are posed by them.
+    pub fn reads_skeletons(&self) -> bool {
+        self.delete.probability > 0.0 || self.part.probability > 0.0 || self.pose.probability > 0.0
+    }
+
     /// Augments a rig by the draws of a seed and an index, say a step and an asset: same numbers, same
     /// bytes.
     ///

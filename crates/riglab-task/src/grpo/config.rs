@@ -23,9 +23,10 @@ pub struct GrpoTaskConfig {
     pub task: String,
     /// Where the policy starts; it is also what the policy is held to.
     pub start: StartConfig,
-    /// Corpora and splits. Rigs of the training split are not looked at, only their meshes.
+    /// Corpora and splits. Rigs of the training split are not looked at, only their meshes, set into the cube as `riglab rig`
+    /// sets them; skeletons are where steps of `augment` need them.
     pub data: DataConfig,
-    /// How meshes are varied.
+    /// How meshes are varied. `delete`, `part` and `pose` do it by their skeletons.
     pub augment: Recipe,
     /// How rigs are drawn.
     pub rollout: RolloutConfig,

@@ -6,7 +6,7 @@
 //! asked again with the network, which also gives the gradient, so that the ratio between new and old policy is 1 before
 //! the first update; how far the sampler's own differs is logged.
 //!
-//! Holds: true rigs of the training split are never looked at; a run resumes exactly, in the middle of a rollout too; the
+//! Holds: true rigs of the training split are never looked at, but by steps of `augment` that need skeletons; a run resumes exactly, in the middle of a rollout too; the
 //! reward alone never makes a checkpoint the best one (see [`GuardConfig`]).
 
 mod batch;
