@@ -23,6 +23,15 @@ pub(crate) fn called(name: &str) -> String {
     }
 }
 
+/// The whole name of an asset, with its ending; of one of several of a file, what it is called there.
+pub(crate) fn whole(name: &str) -> String {
+    let name = name.replace('\\', "/");
+    match file_and_item(&name) {
+        (_, "") => name,
+        (_, item) => item.to_owned(),
+    }
+}
+
 /// The key of an asset: what it is called, without what systems add to names.
 ///
 /// ```
@@ -150,6 +159,11 @@ impl Called {
     pub(crate) fn all(mut self) -> Self {
         self.one_for_one = self.exactly.len() == 1;
         self
+    }
+
+    /// Whether an asset is called exactly so.
+    pub(crate) fn is_called(&self, name: &str) -> bool {
+        self.exactly.contains(name)
     }
 
     pub(crate) fn one_for_one(&self) -> bool {

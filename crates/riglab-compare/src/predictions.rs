@@ -12,7 +12,7 @@ use riglab_metric::{Joints, Rows};
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
-use crate::keys::{Called, STAGES, called, is_stage, own_name, shortened, shortest, without_ending};
+use crate::keys::{Called, STAGES, called, is_stage, own_name, shortened, shortest, whole, without_ending};
 
 /// Which files are predictions: those of a format, or all that hold rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,6 +61,8 @@ pub struct Prediction {
 #[derive(Clone, Debug)]
 struct Place {
     file: PathBuf,
+    /// What it is called with its ending, below the folder or in its file.
+    whole: String,
     held: Held,
 }
 
@@ -159,7 +161,8 @@ impl Predictions {
         let name = if name.is_empty() { file.to_string_lossy().into_owned() } else { name };
         // One that cannot be counted keeps its key: reading it will say what is wrong, in its row.
         if riglab_asset::count_assets(&file).unwrap_or(1) <= 1 {
-            self.places.entry(called(&name)).or_default().push(Place { file, held: Held::Alone });
+            let place = Place { file, whole: whole(&name), held: Held::Alone };
+            self.places.entry(called(&name)).or_default().push(place);
             return;
         }
         let all = match read_arrays(&file) {
@@ -169,10 +172,12 @@ impl Predictions {
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         for (item, rig) in all.into_iter().enumerate() {
             let own = rig.as_ref().map_or("", |r| r.name.trim());
-            let own = if own.is_empty() { format!("{stem}-{item:06}") } else { without_ending(own) };
+            let whole = if own.is_empty() { format!("{stem}-{item:06}") } else { own.to_owned() };
+            let own = if own.is_empty() { whole.clone() } else { without_ending(own) };
             let files = vec![file.clone()];
             let read = rig.map(|rig| Prediction { files, ..of_arrays(&rig) }).map_err(|e| e.to_string());
-            self.places.entry(own).or_default().push(Place { file: file.clone(), held: Held::Read(Arc::new(read)) });
+            let place = Place { file: file.clone(), whole, held: Held::Read(Arc::new(read)) };
+            self.places.entry(own).or_default().push(place);
         }
     }
 
@@ -182,7 +187,8 @@ impl Predictions {
         let corpus = Arc::new(corpus);
         for (index, name) in corpus.names()?.iter().enumerate().filter(|(index, _)| !bare.contains(index)) {
             let held = Held::Asset(corpus.clone(), index);
-            self.places.entry(called(name)).or_default().push(Place { file: file.into(), held });
+            let place = Place { file: file.into(), whole: whole(name), held };
+            self.places.entry(called(name)).or_default().push(place);
         }
         Ok(())
     }
@@ -216,26 +222,39 @@ impl Predictions {
         self.places.keys().map(String::as_str)
     }
 
-    /// What predictions of a true asset are called: the one that is called as it is, else those that add to its name, else those
-    /// of its key, else those of the only key of that name in any folder where no other asset can be meant. Those of other
-    /// assets are not among them. A file of one prediction that is given for one asset is its own, whatever it is called.
+    /// What predictions of a true asset are called: the one that is called as it is with its ending, as where a file of the same
+    /// name had its own, else the one that is called as it is, else those that add to its name, else those of its key, else
+    /// those of the only key of that name in any folder where no other asset can be meant. Those of other assets are not among
+    /// them. A file of one prediction that is given for one asset is its own, whatever it is called.
+    ///
+    /// Several assets may share what this gives: [`Claims`] tells whose it is.
     pub(crate) fn of_asset(&self, asset: &str, assets: &Called) -> Vec<&str> {
-        let own = called(asset);
+        let (own, with_ending) = (called(asset), whole(asset));
         let key = shortest(&own);
-        if let Some((name, _)) = self.places.get_key_value(&own) {
-            return vec![name];
+        // What another asset is called is that asset's.
+        let with_ending = Some(&with_ending).filter(|name| **name != own && !assets.is_called(name));
+        let names = || with_ending.into_iter().chain([&own]);
+        let of_key = |key: &str| self.by_key.get(key).into_iter().flatten().map(String::as_str);
+        let added = |left: &str| of_key(left).filter(|name| assets.is_of(name, &own)).collect::<Vec<_>>();
+        let exact = |name: &String| self.places.get_key_value(name).map(|(name, _)| vec![name.as_str()]);
+        if let Some(found) = exact(&own).filter(|_| self.has_exactly(&own, asset)) {
+            return found;
+        }
+        // What is left of such a name tells more than what another one is called.
+        let longer = with_ending.map(|name| exact(name).unwrap_or_else(|| added(name))).filter(|all| !all.is_empty());
+        if let Some(found) = longer.or_else(|| exact(&own)) {
+            return found;
         }
         if assets.one_for_one() && self.places.len() == 1 && self.folder.is_file() {
             return self.names().collect();
         }
-        let of_key = |key: &str| self.by_key.get(key).into_iter().flatten().map(String::as_str);
         for left in [&own, &key] {
-            let same: Vec<&str> = of_key(left).filter(|name| assets.is_of(name, &own)).collect();
+            let same = added(left);
             if !same.is_empty() {
                 return same;
             }
         }
-        let theirs = [&own, &key].into_iter().filter_map(|name| self.by_name.get(own_name(name))?.as_deref());
+        let theirs = names().chain([&key]).filter_map(|name| self.by_name.get(own_name(name))?.as_deref());
         let theirs = theirs.filter(|theirs| assets.may_be(&key, theirs)).take(1).flat_map(of_key);
         let elsewhere: Vec<&str> = theirs.filter(|name| assets.is_of_elsewhere(name, &own)).collect();
         match elsewhere.iter().find(|name| own_name(name) == own_name(&own)) {
@@ -244,19 +263,26 @@ impl Predictions {
         }
     }
 
-    /// Reads the prediction of an asset, of what [`Self::of_asset`] gives; what is wrong with it is a sentence.
+    /// Whether one of what is called so has the name of an asset, with its ending.
+    fn has_exactly(&self, name: &str, asset: &str) -> bool {
+        self.places.get(name).is_some_and(|places| places.iter().any(|place| place.is_exactly(asset)))
+    }
+
+    /// Reads the prediction of an asset, of what [`Self::of_asset`] gives; what is wrong with it is a sentence. `rivals`: other
+    /// assets that it gives the same for. `None` where all there is is theirs.
     ///
     /// # Errors
-    /// When a file cannot be read, or several could be meant.
-    pub(crate) fn read(&self, names: &[&str], asset: &str) -> Result<Prediction, String> {
-        let places: Vec<&Place> = names.iter().filter_map(|name| self.places.get(*name)).flatten().collect();
+    /// When a file cannot be read, several could be meant, or one could be of several assets.
+    pub(crate) fn read(&self, names: &[&str], asset: &str, rivals: &[&str]) -> Result<Option<Prediction>, String> {
+        let all: Vec<&Place> = names.iter().filter_map(|name| self.places.get(*name)).flatten().collect();
+        let places = among(all, asset, rivals)?;
         match places[..] {
-            [] => Err("there is no prediction".into()),
-            [one] => read(one),
+            [] => Ok(None),
+            [one] => read(one).map(Some),
             [a, b] if a.is_stage() && b.is_stage() => {
                 let [skeleton, skin] = if a.file.file_stem().is_some_and(|s| s == STAGES[0]) { [a, b] } else { [b, a] };
                 let files = vec![skeleton.file.clone(), skin.file.clone()];
-                Ok(Prediction { files, ..together(array_rig(skeleton)?, array_rig(skin)?) })
+                Ok(Some(Prediction { files, ..together(array_rig(skeleton)?, array_rig(skin)?) }))
             }
             _ => {
                 let files: Vec<String> = places.iter().map(|p| p.file.display().to_string()).collect();
@@ -274,10 +300,93 @@ impl Predictions {
     }
 }
 
+/// Which places are an asset's, of those that it shares with `rivals`: those that have its name with the ending. What has
+/// nobody's is of the only asset without such a place.
+fn among<'a>(places: Vec<&'a Place>, asset: &str, rivals: &[&str]) -> Result<Vec<&'a Place>, String> {
+    let Some(first) = places.first().filter(|_| !rivals.is_empty()) else { return Ok(places) };
+    let exactly = |asset: &str| places.iter().copied().filter(|p| p.is_exactly(asset)).collect::<Vec<_>>();
+    let own = exactly(asset);
+    if let Some(of) = rivals.iter().find(|of| !own.is_empty() && same_name(of, asset)) {
+        let file = first.file.display();
+        return Err(format!(
+            "{file} could be its prediction or that of `{of}`, which has the same name; compare with the one and the other apart"
+        ));
+    }
+    if !own.is_empty() {
+        return Ok(own);
+    }
+    let others: Vec<&Place> = places.iter().copied().filter(|p| !rivals.iter().any(|of| p.is_exactly(of))).collect();
+    match (others.first(), rivals.iter().find(|of| exactly(of).is_empty())) {
+        (Some(place), Some(of)) => Err(format!(
+            "{} could be its prediction or that of `{of}`, which is called alike; put the ending of its file into the \
+             prediction's name, as {}.glb",
+            place.file.display(),
+            whole(asset)
+        )),
+        _ => Ok(others),
+    }
+}
+
+/// Whether assets have one name with their endings, in whichever folder or file.
+fn same_name(a: &str, b: &str) -> bool {
+    own_name(&whole(a)) == own_name(&whole(b))
+}
+
+/// Which true assets each of a system's predictions could be of, so that none serves two.
+#[derive(Debug, Default)]
+pub(crate) struct Claims(BTreeMap<String, Vec<String>>);
+
+impl Claims {
+    /// Of all assets whose names are known, and of `elsewhere`, which are not asked for: these have what is called exactly so
+    /// where nothing that is asked for is.
+    pub(crate) fn of(predictions: &Predictions, names: &[String], elsewhere: &[String], assets: &Called) -> Self {
+        let mut claims = Self::default();
+        for name in names {
+            claims.add(&predictions.of_asset(name, assets), name);
+        }
+        for name in elsewhere {
+            let mut theirs = predictions.of_asset(name, assets);
+            let is_asked = |of: &&str| claims.0.get(*of).is_some_and(|all| all.iter().any(|own| same_name(own, name)));
+            theirs.retain(|of| predictions.has_exactly(of, name) && !is_asked(of));
+            claims.add(&theirs, name);
+        }
+        claims
+    }
+
+    /// And of one more asset.
+    pub(crate) fn add(&mut self, predictions: &[&str], asset: &str) {
+        for name in predictions {
+            let claims = self.0.entry((*name).to_owned()).or_default();
+            if !claims.iter().any(|of| of == asset) {
+                claims.push(asset.to_owned());
+            }
+        }
+    }
+
+    /// The other assets that claim what one does.
+    pub(crate) fn rivals<'a>(&'a self, predictions: &[&str], asset: &str) -> Vec<&'a str> {
+        let mut rivals: Vec<&str> = predictions
+            .iter()
+            .filter_map(|name| self.0.get(*name))
+            .flatten()
+            .map(String::as_str)
+            .filter(|of| *of != asset)
+            .collect();
+        rivals.sort_unstable();
+        rivals.dedup();
+        rivals
+    }
+}
+
 impl Place {
     /// Whether it is what one of UniRig's stages predicts.
     fn is_stage(&self) -> bool {
         matches!(self.held, Held::Alone) && is_stage(&self.file)
+    }
+
+    /// Whether it has the name of an asset, with its ending, in whichever folder.
+    fn is_exactly(&self, asset: &str) -> bool {
+        own_name(&self.whole) == own_name(&whole(asset))
     }
 }
 

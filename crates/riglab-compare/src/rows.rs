@@ -12,6 +12,7 @@ use riglab_metric::{Joints, Measure, Rows, SkinBaseline, Truth};
 use serde::{Serialize, Serializer};
 
 use crate::keys::Called;
+use crate::predictions::Claims;
 use crate::{CompareError, Named, Predictions, Truths, fit};
 
 /// How assets count for which there is nothing to measure.
@@ -112,15 +113,22 @@ pub fn score(
     let asked = if truths.are_named() { asked.all() } else { asked };
     let is_strange = |p: &&Predictions| !p.is_empty() && names.iter().all(|name| p.of_asset(name, &asked).is_empty());
     let strange = systems.iter().map(|(_, p)| p).find(is_strange).filter(|_| truths.are_named());
+    let known = truths.names_of_assets()?;
+    let mut claims: Vec<Claims> =
+        systems.iter().map(|(_, p)| Claims::of(p, &known, &truths.elsewhere, &asked)).collect();
     let told = Mutex::new((0, progress));
     truths.each(|some| {
         if let (Some(_), Some((name, _))) = (strange, some.iter().find(|(_, asset)| asset.is_ok())) {
             example.clone_from(name);
             return ControlFlow::Break(());
         }
+        // Of a file of several they are known only now: the first that is called so has what a later one asks for.
+        for (name, _) in &some {
+            claims.iter_mut().zip(systems).for_each(|(claims, (_, p))| claims.add(&p.of_asset(name, &asked), name));
+        }
         let of = |(name, asset): &Named| {
             let rows = match asset {
-                Ok(asset) => Ok(rows((name, &asked), asset, systems, baselines, failures)),
+                Ok(asset) => Ok(rows((name, &asked), asset, (systems, &claims), baselines, failures)),
                 Err(e) => Err((name.clone(), e.clone())),
             };
             let mut told = told.lock().unwrap_or_else(PoisonError::into_inner);
@@ -249,7 +257,7 @@ impl System {
 fn rows(
     (name, asked): (&str, &Called),
     asset: &Asset,
-    systems: &[(String, Predictions)],
+    (systems, claims): (&[(String, Predictions)], &[Claims]),
     baselines: &[SkinBaseline],
     failures: Failures,
 ) -> Vec<(Row, Vec<Measure>)> {
@@ -266,15 +274,14 @@ fn rows(
     // Preparing the truth takes most of the time: not where there is nothing to measure.
     let mut prepared: Option<Truth> = None;
     let prepare = || Truth::new(name, rig).moving(&asset.clips);
-    let mut row = |predictions: &Predictions| {
+    let mut row = |(predictions, claims): (&Predictions, &Claims)| {
         let mut row = empty();
         let found = predictions.of_asset(name, asked);
-        if found.is_empty() {
-            return row;
-        }
-        match predictions.read(&found, name).and_then(|p| fit(&p, rig)) {
+        let read = predictions.read(&found, name, &claims.rivals(&found, name));
+        match read.and_then(|p| p.map(|p| fit(&p, rig)).transpose()) {
+            Ok(None) => {}
             Err(reason) => row.status = Status::Failed(reason),
-            Ok(fitted) => {
+            Ok(Some(fitted)) => {
                 let truth = prepared.get_or_insert_with(prepare);
                 row.status = Status::Scored;
                 row.joints = fitted.joints.positions.len();
@@ -291,7 +298,7 @@ fn rows(
         }
         row
     };
-    let found: Vec<Row> = systems.iter().map(|(_, predictions)| row(predictions)).collect();
+    let found: Vec<Row> = systems.iter().map(|(_, predictions)| predictions).zip(claims).map(&mut row).collect();
     let lacking = match failures {
         Failures::Worst if !found.is_empty() => worst(prepared.get_or_insert_with(prepare), rig),
         _ => Vec::new(),

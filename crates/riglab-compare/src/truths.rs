@@ -101,6 +101,16 @@ impl Truths {
         })
     }
 
+    /// Those of [`Self::names`] that are an asset's.
+    pub(crate) fn names_of_assets(&self) -> Result<Vec<String>, CompareError> {
+        let mut names = self.names()?;
+        if let TruthSource::Files(files) = &self.source {
+            let mut one = files.iter().map(|file| holds_one(file));
+            names.retain(|_| one.next().unwrap_or(true));
+        }
+        Ok(names)
+    }
+
     /// Whether [`Self::names`] has each asset: no file holds several.
     pub(crate) fn are_named(&self) -> bool {
         match &self.source {

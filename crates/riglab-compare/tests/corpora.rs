@@ -235,3 +235,45 @@ fn what_stages_predict_is_no_true_rig_and_told() {
     assert_eq!(names, ["predict_skeleton.npz", "predict_skin.npz"]);
     assert!(truths.unread[0].1.contains("a part of a rig"));
 }
+
+#[test]
+fn no_prediction_serves_two_assets() {
+    let dir = tempfile::tempdir().unwrap();
+    let both = [("bird.fbx", "test", 0.5), ("bird.glb", "test", 0.6), ("hen.obj", "train", 0.7)];
+    let truth = corpus(dir.path().join("truth.h5"), &both);
+    // The joints of each are at a height of their own, so that another's prediction is off.
+    let system = |folder: &str, files: &[(&str, f32)]| {
+        let folder = dir.path().join(folder);
+        for (file, height) in files {
+            let path = folder.join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, riglab_asset::to_glb(&asset(file, *height))).unwrap();
+        }
+        of_a_split(&folder, &truth, "test").unwrap()
+    };
+    let hits = |found: &System| {
+        let off = found.values("j2j@riglab");
+        found.rows.iter().zip(off).map(|(row, off)| (row.asset.clone(), off < 1e-6)).collect::<Vec<_>>()
+    };
+    let all = [("bird.fbx".to_owned(), true), ("bird.glb".to_owned(), true)];
+    for (folder, files) in [
+        // As `riglab rig` calls what it makes of a folder with both, to GLB and to FBX.
+        ("glb", [("bird.glb", 0.6), ("bird.fbx.glb", 0.5)]),
+        ("deep", [("deep/bird.glb", 0.6), ("deep/bird.fbx.glb", 0.5)]),
+        ("added", [("bird.glb", 0.6), ("bird.fbx_rig.glb", 0.5)]),
+        ("whole", [("bird.glb.glb", 0.6), ("bird.fbx.glb", 0.5)]),
+    ] {
+        let found = system(folder, &files);
+        assert_eq!(hits(&found), all, "{folder}");
+        assert!(found.unmatched.is_empty(), "{folder}: {:?}", found.unmatched);
+    }
+    let one = system("one", &[("bird.glb", 0.6)]);
+    assert_eq!([&one.rows[0].status, &one.rows[1].status], [&Status::Missing, &Status::Scored]);
+    let other = system("other", &[("bird.fbx.glb", 0.5)]);
+    assert_eq!([&other.rows[0].status, &other.rows[1].status], [&Status::Scored, &Status::Missing]);
+    let unclear = system("unclear", &[("bird_rig.glb", 0.5)]);
+    for (row, rival) in unclear.rows.iter().zip(["bird.glb", "bird.fbx"]) {
+        let Status::Failed(why) = &row.status else { panic!("{row:?}") };
+        assert!(why.contains(&format!("that of `{rival}`")) && why.ends_with(&format!("{}.glb", row.asset)), "{why}");
+    }
+}

@@ -17,7 +17,8 @@ use super::forms::{Form, Forms, systems};
 ///
 /// Files are matched to true assets by their path without ending, with or without what systems add to names (`_rig`,
 /// `_skin`), or by their name alone where only one asset has it; a file that is given for one asset is its own, whatever the
-/// two are called. Every true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own
+/// two are called. Of bird.glb and bird.fbx each has its own where the ending stays in the name, as bird.fbx.glb; no file
+/// is compared with both. Every true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own
 /// formulas (--preset), named beside each number. Weights are compared only where a prediction has the joints of the true rig.
 ///
 /// A prediction is moved and scaled onto the true mesh, whatever its coordinates are. A skeleton without mesh is taken as it is,
