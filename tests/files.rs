@@ -960,4 +960,7 @@ fn rigs_are_judged_by_rewards_without_true_ones() {
     must(&["strip", text(&made[0]), text(&path("bare.glb"))]);
     let said = refusal(&mut riglab(&["rewards", text(&path("bare.glb"))]));
     assert!(said.contains("not judged: bare.glb"), "{said}");
+    fs::create_dir(path("empty")).unwrap();
+    let said = refusal(&mut riglab(&["rewards", text(&path("empty"))]));
+    assert!(said.contains("empty: no rig to judge: no rigged file below it"), "{said}");
 }

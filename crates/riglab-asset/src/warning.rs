@@ -267,8 +267,9 @@ impl Warning {
             Self::SeparateSkeletons { skeletons, roots, remedy } => {
                 write!(
                     f,
-                    "{skeletons} separate skeletons in one file (roots {}); {remedy}; `riglab convert IN OUT --character 0` \
-                     takes one alone, by its number or the name of its root",
+                    "{skeletons} separate skeletons in one file (roots {}); {remedy}; `--character 0` of `riglab view`, \
+                     `inspect` and `convert` takes one alone, by its number or the name of its root; `riglab dataset import \
+                     --split-characters` and `riglab curate --set import.split_characters=true` take each",
                     Some3(roots)
                 )
             }

@@ -427,7 +427,7 @@ fn one_of_several_is_chosen_by_number() {
         several += 1;
         let item = |item| import(&path, &ImportOptions { item, ..Default::default() });
         let error = item(None).unwrap_err().to_string();
-        assert!(error.contains(" assets; `riglab convert IN OUT --item N` takes one"), "{error}");
+        assert!(error.contains(" assets; `--item N` of `riglab view`, `inspect` and `convert` takes one"), "{error}");
         let (first, second) = (item(Some(0)).unwrap(), item(Some(1)).unwrap());
         assert_eq!(first.name == second.name, arrays[0].name == arrays[1].name, "{}", path.display());
         assert_eq!(first.content == second.content, arrays[0] == arrays[1], "{}", path.display());

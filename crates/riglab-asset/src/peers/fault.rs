@@ -142,7 +142,7 @@ pub enum PeerFault {
 
     /// Which one?
     #[error(
-        "the file holds {0} assets; `riglab convert IN OUT --item N` takes one, by its number from 0; `riglab dataset import` takes all"
+        "the file holds {0} assets; `--item N` of `riglab view`, `inspect` and `convert` takes one, by its number from 0; `riglab dataset import` takes all"
     )]
     Several(usize),
     /// Not that many.

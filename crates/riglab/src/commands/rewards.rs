@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
-use riglab_compare::{Named, Truths};
+use riglab_compare::{CompareError, Named, Truths};
 use riglab_core::Rig;
 use riglab_metric::statistics::{Mean, Paired};
 use riglab_report::{Cell, Table};
@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let config = settings(args.config.as_deref(), &args.sets)?;
     let mut found = Vec::new();
     for (name, path) in systems(&args.systems)? {
-        let rigs = Truths::open(&path, args.split.as_deref())?;
+        let rigs = Truths::open(&path, args.split.as_deref()).map_err(unjudged)?;
         found.push((name, path, rigs));
     }
     // A file may hold many.
@@ -105,6 +105,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     args.forms.write(&files, |form| text(form, &systems, &config, args.assets))?;
     let any = systems.iter().any(|system| !system.rigs.is_empty());
     Ok(if any { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Why nothing can be judged: no rig is compared with another here.
+fn unjudged(e: CompareError) -> anyhow::Error {
+    match e {
+        CompareError::NoTruth(path, why) => anyhow!("{}: no rig to judge{why}", path.display()),
+        e => e.into(),
+    }
 }
 
 /// The rewards that an experiment or a run's folder asks for, or the paper's, with changes.
