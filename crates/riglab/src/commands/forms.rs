@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
 use riglab_report::{Block, Page, Table};
 
@@ -75,10 +75,17 @@ impl Forms {
     /// The files to write, each with its form; none where all goes to standard output.
     ///
     /// # Errors
-    /// When one is there that is none of those `written` before, or has the ending of another form.
+    /// When one is there that is none of those `written` before, or has the ending of another form, or none can be written
+    /// there.
     pub fn files(&self, written: Written) -> Result<Vec<(PathBuf, Form)>> {
         let files = self.out.as_deref().map_or(Ok(Vec::new()), |out| files(out, self.asked()))?;
         files.iter().try_for_each(|(file, _)| keep_others(file, written))?;
+        // Before the work, which may take hours, not after it.
+        let folder = files.first().and_then(|(file, _)| file.parent());
+        let remedy = "give --out a place where you may write, or make this one so";
+        folder
+            .map_or(Ok(()), riglab_files::may_write)
+            .map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
         Ok(files)
     }
 
@@ -186,6 +193,25 @@ mod tests {
         assert!(said.contains("b.html does not end as the form does") && said.contains("ends in .csv"), "{said}");
         let said = of("b.pdf", None).unwrap_err().to_string();
         assert!(said.contains("no form has the ending .pdf; there are .txt, .html"), "{said}");
+    }
+
+    #[test]
+    fn where_nothing_can_be_written_is_told_before_the_work() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            forms: Forms,
+        }
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("notes");
+        std::fs::write(&file, "mine").unwrap();
+        let of = |out: PathBuf| {
+            let line = ["compare", "-o", out.to_str().unwrap()];
+            <Line as clap::Parser>::parse_from(line).forms.files(Written::Comparison)
+        };
+        assert_eq!(of(dir.path().join("new/scores.csv")).unwrap().len(), 1);
+        let said = of(file.join("scores.csv")).unwrap_err().to_string();
+        assert!(said.contains("nothing can be written into") && said.contains("give --out a place"), "{said}");
     }
 
     #[test]
