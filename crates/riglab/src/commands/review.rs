@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 use anyhow::Result;
+use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_review::{Review, Server};
 
@@ -50,8 +51,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         tell!("warning: {sentence}");
     }
     if unreadable > 0 {
-        let files = if unreadable == 1 { "file" } else { "files" };
-        tell!("note: {unreadable} {files} could not be read and have no card; the curation's report lists them");
+        tell!("note: {}; the curation's report lists them", without_card(unreadable));
     }
     if let (Some((gone, of)), Some(folder)) = (review.gone(), &args.files) {
         let files = if of == 1 { "file" } else { "files" };
@@ -81,6 +81,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// What is said of files that have no card.
+fn without_card(files: usize) -> String {
+    format!("{} could not be read and {} no card", counted(files, "file"), if files == 1 { "has" } else { "have" })
+}
+
 /// The command that applies decisions.
 fn apply(corpus: &Path, files: Option<&Path>, decisions: &Path) -> String {
     let shown = |path: &Path| path.display().to_string();
@@ -96,5 +101,16 @@ fn open(url: &str) {
         // It ends by itself; nobody waits for it but this thread.
         Ok(mut child) => drop(std::thread::spawn(move || child.wait())),
         Err(e) => tell!("warning: {opener} cannot be started ({e}); open the address yourself"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_without_a_card_are_counted() {
+        assert_eq!(without_card(1), "1 file could not be read and has no card");
+        assert_eq!(without_card(2), "2 files could not be read and have no card");
     }
 }
