@@ -43,6 +43,13 @@ fn file_to_write() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
     file_or("`-` does not stand for standard output here: give the name of a file (./- for one that is called so)")
 }
 
+/// The same where a folder may be written as well.
+fn place_to_write() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
+    use clap::builder::{PathBufValueParser, TypedValueParser};
+    let dash = "`-` does not stand for standard output here: give the name of a file or folder (./- for one that is called so)";
+    PathBufValueParser::new().try_map(move |path| if path.as_os_str() == "-" { Err(dash) } else { Ok(path) })
+}
+
 /// The same where what is written goes to standard output without a file.
 fn file_instead_of_output() -> impl clap::builder::TypedValueParser<Value = PathBuf> {
     file_or("without this option, all goes to standard output: leave it out, or give the name of a file")
@@ -186,6 +193,30 @@ mod tests {
             let named = line.replace("O/", "O/n.png");
             let words = ["riglab"].into_iter().chain(named.split(' '));
             assert!(crate::Cli::try_parse_from(words).is_ok(), "{named}");
+        }
+    }
+
+    #[test]
+    fn a_place_to_write_is_not_standard_output() {
+        use clap::Parser;
+
+        for line in [
+            "checkpoint export RUN -o -",
+            "checkpoint import a.ckpt -o -",
+            "convert models - --to glb",
+            "synth -o -",
+            "rig a.glb -o -",
+            "skin a.glb -o -",
+            "train a.toml --run -",
+            "sweep a.toml -o -",
+            "sweep a.toml --charts -",
+            "report RUN --charts -",
+        ] {
+            let parse = |line: &str| crate::Cli::try_parse_from(["riglab"].into_iter().chain(line.split(' ')));
+            let said = parse(line).err().unwrap_or_else(|| panic!("{line} is taken")).to_string();
+            assert!(said.contains("`-` does not stand for standard output here"), "{line}: {said}");
+            let place = format!("{line} ").replace(" - ", " ./- ");
+            assert!(parse(place.trim_end()).is_ok(), "{place}");
         }
     }
 

@@ -47,7 +47,7 @@ pub struct Args {
     title: Option<String>,
     /// Write each chart into this folder, too: NAME.svg, dark on white and as wide as a column, and NAME.csv with all its
     /// numbers. For LaTeX, `rsvg-convert -f pdf -o NAME.pdf NAME.svg` makes a PDF, and so does Inkscape.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = super::place_to_write())]
     charts: Option<PathBuf>,
 }
 

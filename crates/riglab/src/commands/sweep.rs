@@ -65,7 +65,7 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// The sweep's folder [default: sweeps/<file>].
-    #[arg(long, short, value_name = "DIR")]
+    #[arg(long, short, value_name = "DIR", value_parser = super::place_to_write())]
     out: Option<PathBuf>,
     /// Jobs at a time; 0 takes as many as before, and at first as processors and memory allow.
     #[arg(long, default_value_t = 0, value_name = "N")]
@@ -92,7 +92,7 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", requires = "status")]
     watch: Option<u64>,
     /// When all is done, write each chart of the report into this folder, too, as `riglab report --charts` does.
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["status", "list", "dry_run"])]
+    #[arg(long, value_name = "DIR", value_parser = super::place_to_write(), conflicts_with_all = ["status", "list", "dry_run"])]
     charts: Option<PathBuf>,
     /// Check that the jobs can be done in the folder, list them, and leave.
     #[arg(long)]

@@ -62,7 +62,7 @@ pub struct Args {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// The run's folder [default: the next free number below runs/<config>/].
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_parser = super::place_to_write())]
     run: Option<PathBuf>,
     /// Continue the run in this folder with its own settings; only train.steps may be raised (--set train.steps=N), and
     /// --set start.model=PATH or skin.run=PATH names the new place of a model that was moved.

@@ -11,6 +11,7 @@ use riglab_task::released::{Fit, FoundModel, Imported, Model, Offered, import as
 use riglab_train::{Spinner, State};
 use tch::{Device, Kind};
 
+use super::super::place_to_write;
 use crate::offered::open;
 use crate::presets;
 use riglab_report::counted;
@@ -34,7 +35,7 @@ pub struct ImportArgs {
     file: PathBuf,
     /// What to write: a file (.safetensors) for `riglab rig` and `skin`, `grpo` and `skin.run`, or a run's folder for `riglab eval`.
     /// Without it, the file is only looked at.
-    #[arg(long, short, value_name = "OUT")]
+    #[arg(long, short, value_name = "OUT", value_parser = place_to_write())]
     out: Option<PathBuf>,
     /// Which model it is: unirig_skeleton, unirig_skin, fsq_cvae or tokenrig [default: by its names].
     #[arg(long = "as", value_name = "MODEL")]

@@ -21,8 +21,8 @@ use riglab_task::unirig_skin::{SkinTaskConfig, Skinner};
 use riglab_train::{Checkpoint, Spinner, StartConfig, TrainConfig, named_by};
 use tch::{Device, Kind};
 
-use super::MOVED;
 use super::earlier::{Written, keep_others};
+use super::{MOVED, place_to_write};
 use riglab_report::counted;
 use riglab_report::shell::command;
 
@@ -59,7 +59,7 @@ struct ExportArgs {
     /// model that comes with riglab].
     run: Option<PathBuf>,
     /// What to write: a file (.safetensors), or a new folder of a run for `riglab eval`.
-    #[arg(long, short, value_name = "OUT")]
+    #[arg(long, short, value_name = "OUT", value_parser = place_to_write())]
     out: PathBuf,
     /// Which checkpoint of the run: best, last or step-N [default: best].
     #[arg(long)]

@@ -24,6 +24,7 @@ use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
 use super::of_files::OfFiles;
+use super::place_to_write;
 use beside::{Beside, Known, name_in};
 use lost::Lost;
 use riglab_report::counted;
@@ -57,6 +58,7 @@ pub struct Args {
     /// A file, a folder of files with those below it, or a corpus.
     input: PathBuf,
     /// The file or folder to write.
+    #[arg(value_parser = place_to_write())]
     out: PathBuf,
     /// The format to write, where the ending of OUT does not tell.
     #[arg(long, value_name = "FORMAT")]

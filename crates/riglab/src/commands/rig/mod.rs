@@ -19,7 +19,7 @@ use riglab_train::{Progress, Spinner};
 use super::device::DeviceArgs;
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
-use super::{is_fbx, some_of};
+use super::{is_fbx, place_to_write, some_of};
 use model::Model;
 use riglab_report::shell::command;
 
@@ -93,7 +93,7 @@ struct Common {
     /// A model, or a folder of models, subfolders included.
     input: PathBuf,
     /// The GLB or FBX to write (or a VRM, if the input is one); a folder, if the input is one.
-    #[arg(long, short, value_name = "OUT")]
+    #[arg(long, short, value_name = "OUT", value_parser = place_to_write())]
     out: PathBuf,
     /// What is written into a folder [default: glb].
     #[arg(long, value_name = "glb|fbx")]

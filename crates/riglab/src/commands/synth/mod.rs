@@ -17,6 +17,7 @@ use riglab_synth::{Options, Plan, creature, name, provenance};
 use riglab_train::Progress;
 
 use super::earlier::Earlier;
+use super::place_to_write;
 use begun::Begun;
 use riglab_report::counted;
 
@@ -36,7 +37,7 @@ Examples:
 pub struct Args {
     /// Folder to write GLB files into, made if there is none, else it must be empty or of the same command, broken off; or a
     /// corpus (.h5).
-    #[arg(long, short, value_name = "DIR|FILE.h5")]
+    #[arg(long, short, value_name = "DIR|FILE.h5", value_parser = place_to_write())]
     out: PathBuf,
     /// How many.
     #[arg(long, default_value_t = 60, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
