@@ -22,7 +22,7 @@ use riglab_report::counted;
 use super::earlier::Earlier;
 use super::inspect::vertices;
 use super::of_files::OfFiles;
-use super::{file_to_write, shown, some_lines};
+use super::{file_to_write, in_line, shown, some_lines};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -409,7 +409,7 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
         }
         let triangles = counted(f, "triangle");
         let rig = if bare { "bare".into() } else { format!("{}, {}", counted(j, "joint"), counted(w, "weight")) };
-        say!("{}  ({}, {triangles}, {rig}, split `{}`)", asset.name, vertices(v), splits[index]);
+        say!("{}  ({}, {triangles}, {rig}, split `{}`)", in_line(&asset.name), vertices(v), in_line(&splits[index]));
         for (key, value) in [
             ("source", &from.source),
             ("licence", &from.licence),
@@ -417,16 +417,16 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
             ("category", &from.category),
             ("checksum", &from.checksum),
         ] {
-            say!("  {key:9} {value}");
+            say!("  {key:9} {}", in_line(value));
         }
         for line in crate::commands::inspect::body(&asset.rig) {
             say!("  {line}");
         }
         for clip in &asset.clips {
             let seconds = clip.frames() as f32 / clip.rate();
-            say!("  clip      {} ({} frames, {seconds:.1} s)", clip.name(), clip.frames());
+            say!("  clip      {} ({} frames, {seconds:.1} s)", in_line(clip.name()), clip.frames());
         }
-        from.notes.iter().for_each(|n| say!("  note      {n}"));
+        from.notes.iter().for_each(|n| say!("  note      {}", in_line(n)));
         return Ok(ExitCode::SUCCESS);
     }
     let width = names.iter().map(String::len).max().unwrap_or(0).min(60);
@@ -439,7 +439,8 @@ fn run_inspect(args: &Inspect) -> Result<ExitCode> {
             );
         } else {
             let joints = if bare { "bare".into() } else { format!("{j} j") };
-            say!("{name:width$}  {:10} {v:>7} v {f:>7} t {joints:>6}  {:18} {}", splits[i], categories[i], licences[i]);
+            let [name, split, category, licence] = [name, &splits[i], &categories[i], &licences[i]].map(in_line);
+            say!("{name:width$}  {split:10} {v:>7} v {f:>7} t {joints:>6}  {category:18} {licence}");
         }
     }
     Ok(ExitCode::SUCCESS)

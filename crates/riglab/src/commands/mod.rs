@@ -67,6 +67,11 @@ fn file_or(dash: &'static str) -> impl clap::builder::TypedValueParser<Value = P
     })
 }
 
+/// A name that stands in a line: a control character, a line break among them, would be taken for one of the line's own.
+fn in_line(name: impl std::fmt::Display) -> String {
+    name.to_string().chars().map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect()
+}
+
 /// A path in a text, or as an argument.
 fn shown(path: &std::path::Path) -> String {
     path.display().to_string()
@@ -218,6 +223,11 @@ mod tests {
             let place = format!("{line} ").replace(" - ", " ./- ");
             assert!(parse(place.trim_end()).is_ok(), "{place}");
         }
+    }
+
+    #[test]
+    fn a_name_stays_in_its_line() {
+        assert_eq!(in_line("a\nb\t\u{1b}[2J ü.glb"), "a\u{fffd}b\u{fffd}\u{fffd}[2J ü.glb");
     }
 
     #[test]

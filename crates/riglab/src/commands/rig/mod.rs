@@ -19,7 +19,7 @@ use riglab_train::{Progress, Spinner};
 use super::device::DeviceArgs;
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
-use super::{is_fbx, place_to_write, some_of};
+use super::{in_line, is_fbx, place_to_write, some_of};
 use model::Model;
 use riglab_report::shell::command;
 

@@ -20,7 +20,7 @@ use riglab_token::Template;
 use riglab_train::Spinner;
 
 use super::model::Model;
-use super::{Bones, Common, Given, file_name, given, is_fbx};
+use super::{Bones, Common, Given, file_name, given, in_line, is_fbx};
 
 /// Reads `from`, rigs it, writes `to`. `read`: what the file of the skeleton holds, where there is one.
 pub fn rig(
@@ -178,7 +178,7 @@ pub fn rig(
     let exported = subject.attach(&rig, &args.export())?;
     drop(writing);
     for note in exported.notes.iter().filter(said) {
-        tell!("note: {}: {note}", from.display());
+        tell!("note: {}: {note}", in_line(from.display()));
     }
     let bytes = if args.preview { preview(&exported.bytes, from)? } else { exported.bytes };
     if to.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(&bytes) {
@@ -205,7 +205,7 @@ pub fn rig(
         say!("{line}");
     } else {
         let of_them = added.map_or(String::new(), |added| format!(", {added} of them added"));
-        say!("{}: {joints} joints{of_them}, {:.1} s", to.display(), start.elapsed().as_secs_f64());
+        say!("{}: {joints} joints{of_them}, {:.1} s", in_line(to.display()), start.elapsed().as_secs_f64());
         if draws.len() > 1 || rewards.is_some() {
             say!("  {}", taken(sample, wish.rank, (&draws, sure(&made)), rewards));
         }
@@ -296,7 +296,7 @@ fn by_template(
 
 /// Says something of a model, and keeps it for `--json`.
 fn noted(from: &Path, notes: &mut Vec<String>, note: String) {
-    tell!("note: {}: {note}", from.display());
+    tell!("note: {}: {note}", in_line(from.display()));
     notes.push(note);
 }
 
@@ -387,7 +387,7 @@ fn skeleton(
             let mut notes = notes.clone();
             let stood = given::stood(skeleton, subject.mesh(), args.up, args.skeleton_up)?;
             notes.extend(stood.note);
-            notes.iter().for_each(|note| tell!("note: {}: {note}", file.display()));
+            notes.iter().for_each(|note| tell!("note: {}: {note}", in_line(file.display())));
             Ok((Some(stood.skeleton), notes))
         }
     }
