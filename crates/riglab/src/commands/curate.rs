@@ -10,14 +10,14 @@ use riglab_curate::decisions::Decisions;
 use riglab_curate::{
     CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, SplitConfig, Tell, curate, listed, merge_shards,
 };
-use riglab_report::shell::quoted;
+use riglab_report::shell::{command, quoted};
 use riglab_review::Review;
 use riglab_slurm::SlurmConfig;
 use riglab_train::Progress;
 
 use super::earlier::Earlier;
 use super::slurm::{Desk, On, apart, curate as on_slurm, settings as slurm_settings};
-use super::{file_to_write, shown, some_of};
+use super::{file_to_write, shown, some_of, train_on};
 use crate::presets;
 
 /// Make a clean corpus of files of mixed quality: repaired, filtered, without duplicates, labelled.
@@ -147,6 +147,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     match (done, args.shard) {
         (Ok(funnel), _) => {
             before.tell_replaced(&args.out);
+            if let Some(next) = next(args) {
+                tell!("next: {next}");
+            }
             show(&funnel, &places, args.json)?;
             Ok(ExitCode::SUCCESS)
         }
@@ -162,6 +165,16 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         }
         (Err(e), _) => Err(e.into()),
     }
+}
+
+/// The command that goes on with a corpus: a person looks at it, and it is trained on when that was done. Parts wait for one
+/// another.
+fn next(args: &Args) -> Option<String> {
+    let next = || match &args.decisions {
+        Some(_) => train_on(&args.out),
+        None => command(["review", &shown(&args.out)]),
+    };
+    (args.shard.is_none() && !args.json).then(next)
 }
 
 /// The settings, and whether they say how splits are made.
@@ -258,4 +271,25 @@ fn show(funnel: &Funnel, places: &Places, json: bool) -> Result<()> {
     say!("{}: {} of {} assets ({})", shown(&places.out), funnel.kept, funnel.assets, splits.join(", "));
     say!("{}", shown(&places.report()));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_corpus_is_looked_at_and_then_trained_on() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: Args,
+        }
+        let of = |more: &str| {
+            let line = format!("curate models -o c.h5 {more}");
+            next(&<Line as clap::Parser>::parse_from(line.split_whitespace()).args)
+        };
+        assert_eq!(of("").unwrap(), "riglab review c.h5");
+        assert!(of("--decisions d.tsv").unwrap().starts_with("riglab train quickstart/fsq_cvae.toml --set"));
+        assert_eq!([of("--shard 1/8"), of("--json")], [None, None]);
+    }
 }

@@ -22,7 +22,7 @@ use riglab_report::counted;
 use super::earlier::Earlier;
 use super::inspect::vertices;
 use super::of_files::OfFiles;
-use super::{file_to_write, in_line, shown, some_lines};
+use super::{as_corpora, file_to_write, in_line, shown, some_lines, train_on};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -285,6 +285,9 @@ fn run_import(args: &Import) -> Result<ExitCode> {
             command(["dataset", "inspect", &shown(&args.out)])
         );
     }
+    if let Some(next) = next(&args.out, report.splits.keys()) {
+        tell!("next: {next}");
+    }
     let splits: Vec<String> =
         report.splits.iter().map(|(name, n)| format!("{} {n}", if name.is_empty() { "none" } else { name })).collect();
     say!(
@@ -295,6 +298,17 @@ fn run_import(args: &Import) -> Result<ExitCode> {
         counted(report.refused.len(), "file")
     );
     Ok(ExitCode::SUCCESS)
+}
+
+/// The command that uses a new corpus of such splits: training on it, or what is trained already on its tests. Meshes wait for
+/// rigs beside them.
+fn next<'a>(out: &Path, splits: impl IntoIterator<Item = &'a String>) -> Option<String> {
+    let splits: BTreeSet<&str> = splits.into_iter().map(String::as_str).collect();
+    let tests = || splits.iter().any(|split| split.starts_with("test"));
+    match splits.contains("train") {
+        true => Some(train_on(out)),
+        false => tests().then(|| command(["eval", "RUN", "--set", &as_corpora(out)])),
+    }
 }
 
 /// What --clips came to.
@@ -522,6 +536,18 @@ fn run_verify(args: &Verify) -> Result<ExitCode> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_comes_next_is_told_by_the_splits() {
+        let of = |splits: &[&str]| {
+            let splits: Vec<String> = splits.iter().map(|split| (*split).to_owned()).collect();
+            next(Path::new("my rigs.h5"), &splits)
+        };
+        let train = r#"riglab train quickstart/fsq_cvae.toml --set 'data.corpora=["my rigs.h5"]'"#;
+        assert_eq!(of(&["train", "test_new"]).unwrap(), train);
+        assert_eq!(of(&["test_new"]).unwrap(), r#"riglab eval RUN --set 'data.corpora=["my rigs.h5"]'"#);
+        assert_eq!([of(&["meshes"]), of(&[""])], [None, None]);
+    }
 
     #[test]
     fn what_a_merge_leaves_out_is_told_with_its_corpus_and_split() {

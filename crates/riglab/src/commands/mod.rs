@@ -134,6 +134,16 @@ fn keep_corpus(out: &std::path::Path) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The command that trains on a new corpus.
+fn train_on(corpus: &std::path::Path) -> String {
+    riglab_report::shell::command(["train", "quickstart/fsq_cvae.toml", "--set", &as_corpora(corpus)])
+}
+
+/// The setting that names one corpus.
+fn as_corpora(corpus: &std::path::Path) -> String {
+    format!("data.corpora=[{}]", serde_json::Value::from(shown(corpus)))
+}
+
 /// As much of a checksum as tells it from others.
 fn short(sum: &str) -> &str {
     sum.get(..12).unwrap_or(sum)

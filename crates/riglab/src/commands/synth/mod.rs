@@ -17,7 +17,7 @@ use riglab_synth::{Options, Plan, creature, name, provenance};
 use riglab_train::Progress;
 
 use super::earlier::Earlier;
-use super::place_to_write;
+use super::{place_to_write, train_on};
 use begun::Begun;
 use riglab_report::counted;
 
@@ -158,8 +158,7 @@ fn corpus(args: &Args, options: &Options) -> Result<ExitCode> {
     progress.finish();
     before.tell_replaced(&args.out);
     warnings.iter().for_each(|warning| tell!("warning: {warning}"));
-    let corpora = format!("data.corpora=[\"{}\"]", args.out.display());
-    tell!("next: {}", command(["train", "quickstart/fsq_cvae.toml", "--set", &corpora]));
+    tell!("next: {}", train_on(&args.out));
     say!("{}: {}", args.out.display(), counted(keys.len(), "creature"));
     Ok(ExitCode::SUCCESS)
 }
