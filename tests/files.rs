@@ -363,6 +363,9 @@ fn many_files_become_one_and_a_corpus() {
     assert_eq!(lines(&["inspect", "--json", text(&one), "--item", "3"]), 1);
     let said = refusal(&mut riglab(&["convert", text(&one), text(&dir.path().join("one.glb"))]));
     assert!(said.contains("one.glb") && said.contains("--item"), "{said}");
+    // Whether or not there is such a file.
+    must(&["convert", text(&one), text(&dir.path().join("one.glb")), "--item", "0"]);
+    assert_eq!(refusal(&mut riglab(&["convert", text(&one), text(&dir.path().join("one.glb"))])), said);
     let corpus = dir.path().join("c.h5");
     must(&["dataset", "import", text(one.parent().unwrap()), "-o", text(&corpus)]);
     let listed = must(&["dataset", "inspect", text(&corpus), "--json"]).stdout;

@@ -185,20 +185,20 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         bail!("--fit is for formats whose own loaders expect a cube: {}; {target} is of any size", with.join(", "));
     }
     let own_folder = into_folder || several && !target.holds_several();
+    // A name without an ending is a folder's where a file cannot be meant.
+    if own_folder && !into_folder && args.out.extension().is_some() {
+        bail!(
+            "{} is a file, but {target} holds one asset a file; give a folder, or choose one with --item",
+            args.out.display()
+        );
+    }
     let place = if own_folder { Some(args.out.as_path()) } else { args.out.parent() };
     let remedy = "give OUT a place where you may write, or make this one so";
     place.map_or(Ok(()), riglab_files::may_write).map_err(|e| anyhow!("nothing can be written into {e}; {remedy}"))?;
     // What is read is never written over, nor the other half of a pair.
     let inputs: HashSet<PathBuf> =
         files.iter().flat_map(|file| files_read(file)).filter_map(|file| file.canonicalize().ok()).collect();
-    // A name without an ending is a folder's where a file cannot be meant.
-    if several && (into_folder || !target.holds_several()) {
-        if !into_folder && args.out.extension().is_some() {
-            bail!(
-                "{} is a file, but {target} holds one asset a file; give a folder, or choose one with --item",
-                args.out.display()
-            );
-        }
+    if several && own_folder {
         return match &corpus {
             Some(corpus) => corpus::into(corpus, args, target),
             None => into(args, (&files, unread), target, &options, &inputs),
