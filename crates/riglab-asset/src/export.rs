@@ -146,17 +146,21 @@ pub enum ExportNote {
     },
     /// A motion scales joints to nothing, and others vanish with them that hang there and are seen in the source.
     MotionSwallowed {
-        /// Its name.
+        /// Its name; of several the one where most vanish.
         motion: String,
-        /// How many others.
+        /// How many joints vanish in it.
         joints: usize,
+        /// How many other motions do the same.
+        others: usize,
     },
     /// A motion shears joints, which nodes cannot: they stand as near as nodes can.
     MotionSheared {
-        /// Its name.
+        /// Its name; of several the one that is furthest off.
         motion: String,
         /// How far vertices are at most from where the source has them, by the diagonal of the model.
         share: f64,
+        /// How many other motions do the same.
+        others: usize,
     },
     /// What was of the old joints beside what a rig holds went with them.
     HungLost {
@@ -179,6 +183,44 @@ pub enum ExportNote {
     },
     /// Human bones and springs are those of the source: the rig has a root that the source has not.
     BodyLeft,
+}
+
+impl ExportNote {
+    /// What tells the worst of several notes of a kind; `None` of those that have no such figure.
+    pub fn figure(&self) -> Option<f64> {
+        match self {
+            Self::InfluencesCut { lost, .. } => Some(f64::from(*lost)),
+            Self::MotionDropped { channels } => Some(*channels as f64),
+            Self::MotionSwallowed { joints, .. } => Some(*joints as f64),
+            Self::MotionSheared { share, .. } => Some(*share),
+            _ => None,
+        }
+    }
+
+    /// Adds it to those of a file. Of motions one line says what is wrong with them, however many there are.
+    pub(crate) fn put(self, notes: &mut Vec<Self>) {
+        let same = notes.iter_mut().find(|note| std::mem::discriminant(*note) == std::mem::discriminant(&self));
+        match (same, self) {
+            (Some(own @ Self::MotionSwallowed { .. }), note) | (Some(own @ Self::MotionSheared { .. }), note) => {
+                own.join(note);
+            }
+            (_, note) => notes.push(note),
+        }
+    }
+
+    /// The worse of two on motions, counted as both.
+    fn join(&mut self, mut other: Self) {
+        // The first in the file of those that are as bad, which come last.
+        if other.figure() >= self.figure() {
+            std::mem::swap(self, &mut other);
+        }
+        let (Self::MotionSwallowed { others: more, .. } | Self::MotionSheared { others: more, .. }) = other else {
+            return;
+        };
+        if let Self::MotionSwallowed { others, .. } | Self::MotionSheared { others, .. } = self {
+            *others += more + 1;
+        }
+    }
 }
 
 impl fmt::Display for ExportNote {
@@ -243,17 +285,26 @@ impl fmt::Display for ExportNote {
                     whose.join(" and of ")
                 )
             }
-            Self::MotionSwallowed { motion, joints } => {
+            Self::MotionSwallowed { motion, joints, others } => {
                 let (one, many) = ("joint on them vanishes, too, but is", "joints on them vanish, too, but are");
                 let vanish = of_number(*joints, one, many);
-                write!(f, "motion `{motion}` scales joints to 0: {vanish} seen in the source")
+                match others {
+                    0 => write!(f, "motion `{motion}` scales joints to 0: {vanish} seen in the source"),
+                    n => write!(
+                        f,
+                        "{} motions scale joints to 0, `{motion}` the most: {vanish} seen in the source",
+                        n + 1
+                    ),
+                }
             }
-            Self::MotionSheared { motion, share } => write!(
-                f,
-                "motion `{motion}` shears joints, which nodes of glTF cannot: its vertices are up to {:.1} % of the model's size \
-                 from where the source has them",
-                100.0 * share
-            ),
+            Self::MotionSheared { motion, share, others } => {
+                let cannot = "joints, which nodes of glTF cannot:";
+                let off = format!("up to {:.1} % of the model's size from where the source has them", 100.0 * share);
+                match others {
+                    0 => write!(f, "motion `{motion}` shears {cannot} its vertices are {off}"),
+                    n => write!(f, "{} motions shear {cannot} their vertices are {off}, most in `{motion}`", n + 1),
+                }
+            }
             Self::HungLost { nodes, bones, constraints } => {
                 let parts = [
                     (nodes, "node that hung on them", "nodes that hung on them"),

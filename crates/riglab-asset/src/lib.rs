@@ -74,7 +74,7 @@ pub use gltf::{decode_draco, decode_meshopt, to_glb};
 pub use inspect::Inspection;
 pub use peers::{
     Array, ArrayRig, Filling, PeerFault, SparseRows, StoredKind, StoredTensor, Target, TensorFile, Up, WriteError,
-    write, write_mesh, written_paths,
+    WriteNote, write, write_mesh, written_paths,
 };
 pub use reading::{Binding, Body, Part, ReadJoint, Reading, Shaped, VertexSet};
 pub use warning::{NodeName, Warning};

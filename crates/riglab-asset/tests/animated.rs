@@ -109,15 +109,22 @@ fn joints_that_vanish_with_what_they_hang_on_are_told() {
     let (_, imported) = tiny(|t| t);
     let rig = imported.rig().unwrap().clone();
     let still = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0; 3]];
-    let told = |[hips, tip]: [[[f32; 3]; 4]; 2]| {
-        let clip = Clip::new("burst".into(), RATE, 2, vec![still, still, hips, tip]).unwrap();
-        let asset = Asset { name: "a".into(), rig: rig.clone(), clips: vec![clip], provenance: Provenance::default() };
+    let told_of = |motions: &[&str], [hips, tip]: [[[f32; 3]; 4]; 2]| {
+        let clip = |name: &&str| Clip::new((*name).into(), RATE, 2, vec![still, still, hips, tip]).unwrap();
+        let clips = motions.iter().map(clip).collect();
+        let asset = Asset { name: "a".into(), rig: rig.clone(), clips, provenance: Provenance::default() };
         moving(&asset, &ExportOptions::default()).unwrap().notes
     };
-    let note = ExportNote::MotionSwallowed { motion: "burst".into(), joints: 1 };
+    let told = |maps| told_of(&["burst"], maps);
+    let note = ExportNote::MotionSwallowed { motion: "burst".into(), joints: 1, others: 0 };
     let words = "motion `burst` scales joints to 0: 1 joint on them vanishes, too, but is seen in the source";
     assert_eq!(note.to_string(), words);
     assert_eq!(told([[[0.0; 3]; 4], still]), [note]);
+    // Of many motions in one line.
+    let all = told_of(&["burst", "blast", "bang"], [[[0.0; 3]; 4], still]);
+    let words =
+        "3 motions scale joints to 0, `burst` the most: 1 joint on them vanishes, too, but is seen in the source";
+    assert_eq!(all.iter().map(ToString::to_string).collect::<Vec<_>>(), [words]);
     // What is nothing itself loses nothing.
     assert_eq!([told([[[0.0; 3]; 4]; 2]), told([still, [[0.0; 3]; 4]])], [[], []]);
 }

@@ -236,7 +236,8 @@ fn rigs_fill_the_cube_of_a_format_on_request_and_are_told_where_they_leave_it() 
     for (target, half) in cubes {
         let told = |asset: &Asset| {
             let notes = write(std::slice::from_ref(asset), path(dir.path(), asset, target), target).unwrap();
-            notes.iter().any(|note| note.contains(&format!("beyond the {half}")) && note.contains("`--fit`"))
+            let mut notes = notes.iter().map(ToString::to_string);
+            notes.any(|note| note.contains(&format!("beyond the {half}")) && note.contains("`--fit`"))
         };
         assert!(told(&asset), "{target}");
         let fitted = Asset { rig: target.fitted(&asset.rig).unwrap(), ..asset.clone() };

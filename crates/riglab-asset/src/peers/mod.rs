@@ -34,4 +34,4 @@ pub(crate) use fault::shown;
 pub(crate) use import::{Source, count, each, one, read_arrays};
 pub(crate) use read::{Assets, Hdf5, Npz, RigText, TorchZip, beside_obj, open_pair, starts_as_rig};
 pub use tensors::{StoredKind, StoredTensor, TensorFile};
-pub use write::{Filling, Target, WriteError, write, write_mesh, written_paths};
+pub use write::{Filling, Target, WriteError, WriteNote, write, write_mesh, written_paths};

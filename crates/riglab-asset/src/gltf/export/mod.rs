@@ -158,7 +158,8 @@ fn add_motions(
     let scene = Scene::new(source, reading, None)?.ok_or(ExportFault::OtherSource)?;
     // Each comes before those that are there.
     for clip in clips.iter().rev() {
-        notes.extend(motion::add(draft, source.document, &scene, reading, skeleton, clip)?);
+        let told = motion::add(draft, source.document, &scene, reading, skeleton, clip)?;
+        told.into_iter().for_each(|note| note.put(notes));
     }
     Ok(())
 }

@@ -122,8 +122,8 @@ pub(super) fn add(
     }
     let motion = || clip.name().to_owned();
     let joints = swallowed.into_iter().filter(|swallowed| *swallowed).count();
-    let swallowed = (joints > 0).then(|| ExportNote::MotionSwallowed { motion: motion(), joints });
-    let sheared = drift.told().map(|share| ExportNote::MotionSheared { motion: motion(), share });
+    let swallowed = (joints > 0).then(|| ExportNote::MotionSwallowed { motion: motion(), joints, others: 0 });
+    let sheared = drift.told().map(|share| ExportNote::MotionSheared { motion: motion(), share, others: 0 });
     Ok(swallowed.into_iter().chain(sheared).collect())
 }
 

@@ -8,6 +8,7 @@ use std::path::Path;
 use riglab_core::{Asset, Rig, Vec3};
 
 use super::super::read::bone_parents;
+use super::WriteNote;
 use super::filling::{Begin, Fault, Fills};
 use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
@@ -72,7 +73,7 @@ impl Fills for Saved {
         Some("joint names are not in it: the format has no place for them")
     }
 
-    fn add(&mut self, asset: &Asset, _: &mut Vec<String>) -> Result<(), Fault> {
+    fn add(&mut self, asset: &Asset, _: &mut Vec<WriteNote>) -> Result<(), Fault> {
         self.asset(asset, joints(&asset.rig).map_err(Fault::Cannot)?).map_err(Fault::Io)
     }
 

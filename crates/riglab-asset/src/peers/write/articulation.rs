@@ -7,6 +7,7 @@ use std::path::Path;
 use riglab_core::{Asset, Bounds, Rig, Similarity};
 use riglab_files::Unfinished;
 
+use super::WriteNote;
 use super::filling::{Begin, Fault, Fills};
 use super::npz::{self, Npz, corners, f16s, f32s, i64s};
 use super::pickle::Pickle;
@@ -72,7 +73,7 @@ impl List {
 }
 
 impl Fills for List {
-    fn add(&mut self, asset: &Asset, _: &mut Vec<String>) -> Result<(), Fault> {
+    fn add(&mut self, asset: &Asset, _: &mut Vec<WriteNote>) -> Result<(), Fault> {
         let mut member = Pickle::default();
         dictionary(asset, &mut member);
         Ok(self.members.write_all(&member.0)?)

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use riglab_core::Asset;
 use riglab_files::Unfinished;
 
-use super::WriteError;
 use super::target::{Reach, Target};
+use super::{WriteError, WriteNote};
 
 /// A file of a format that is being filled.
 pub(crate) trait Fills {
@@ -18,7 +18,7 @@ pub(crate) trait Fills {
     }
 
     /// Writes what comes of the next asset, or keeps it; what is not in the file is told in `notes`.
-    fn add(&mut self, asset: &Asset, notes: &mut Vec<String>) -> Result<(), Fault>;
+    fn add(&mut self, asset: &Asset, notes: &mut Vec<WriteNote>) -> Result<(), Fault>;
 
     /// Writes what comes last; `count` assets were added.
     fn end(self: Box<Self>, count: usize) -> Result<File, Fault>;
@@ -47,7 +47,7 @@ pub struct Filling {
     path: PathBuf,
     file: Box<dyn Fills>,
     unfinished: Unfinished,
-    notes: Vec<String>,
+    notes: Vec<WriteNote>,
     count: usize,
     reach: Reach,
 }
@@ -63,7 +63,7 @@ impl Filling {
         let io = |e: io::Error| WriteError::Io { path: path.into(), message: e.to_string() };
         let (file, unfinished) = Unfinished::beside(path).map_err(io)?;
         let file = begin(file, path).map_err(io)?;
-        let notes = file.lacks().map(str::to_owned).into_iter().collect();
+        let notes = file.lacks().map(WriteNote::Lacks).into_iter().collect();
         Ok(Self { target, path: path.into(), file, unfinished, notes, count: 0, reach: Reach::default() })
     }
 
@@ -78,11 +78,11 @@ impl Filling {
         added.map_err(|fault| in_words(fault, &asset.name, self.target, &self.path))
     }
 
-    /// Gives the file its name, and tells in sentences what the format does not hold.
+    /// Gives the file its name, and tells what the format does not hold, once a kind.
     ///
     /// # Errors
     /// As [`Self::add`].
-    pub fn end(self) -> Result<Vec<String>, WriteError> {
+    pub fn end(self) -> Result<Vec<WriteNote>, WriteError> {
         let Self { target, path, file, unfinished, mut notes, count, reach } = self;
         let ended = || -> Result<(), Fault> {
             file.end(count)?.sync_all()?;

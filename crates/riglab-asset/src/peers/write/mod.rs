@@ -7,6 +7,7 @@
 mod anymate;
 mod articulation;
 mod filling;
+mod note;
 mod npz;
 mod pickle;
 mod plain;
@@ -24,6 +25,7 @@ use riglab_core::{Asset, Mesh};
 use thiserror::Error;
 
 pub use filling::Filling;
+pub use note::WriteNote;
 pub use target::Target;
 pub(crate) use text::{is_mesh_of, same_lines};
 
@@ -79,7 +81,7 @@ pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
     std::iter::once(path.to_path_buf()).chain(target.writes().beside(path)).collect()
 }
 
-/// Writes assets to `path`, and tells in sentences what the format does not hold. Nothing is left
+/// Writes assets to `path`, and tells what the format does not hold. Nothing is left
 /// half-written: a file is complete or absent.
 ///
 /// A rig text has its mesh beside it: `x_rig.txt` and `x.obj`. Where there is such a mesh, but no such text, it is someone's
@@ -89,7 +91,7 @@ pub fn written_paths(path: impl AsRef<Path>, target: Target) -> Vec<PathBuf> {
 /// [`WriteError::Taken`] then;
 /// [`WriteError::One`] for several assets in a format of one, [`WriteError::Cannot`] for a rig that the
 /// format has no form for, [`WriteError::Io`] when the file system refuses.
-pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result<Vec<String>, WriteError> {
+pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result<Vec<WriteNote>, WriteError> {
     let path = path.as_ref();
     if target.holds_several() {
         let mut filling = Filling::new(path, target)?;
@@ -100,7 +102,7 @@ pub fn write(assets: &[Asset], path: impl AsRef<Path>, target: Target) -> Result
     target.holds(asset)?;
     let mut reach = target::Reach::default();
     reach.add(target, &asset.rig);
-    let mut notes: Vec<String> = target.beyond(&reach).into_iter().collect();
+    let mut notes: Vec<WriteNote> = target.beyond(&reach).into_iter().collect();
     let written = target.writes().files(assets, &mut notes)?;
     if let (Some(beside), Some(bytes)) = (target.writes().beside(path), written.beside) {
         // One that was cut off between the two has the same.

@@ -9,7 +9,7 @@ use std::path::Path;
 use riglab_core::Asset;
 
 use super::target::{Writes, Written};
-use super::{WriteError, text};
+use super::{WriteError, WriteNote, text};
 #[cfg(feature = "fbx")]
 use crate::export::{self, ExportOptions, Influences};
 
@@ -53,7 +53,7 @@ impl Writes for Glb {
         crate::gltf::made_of(path)
     }
 
-    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], _: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         Ok(assets.iter().flat_map(crate::to_glb).collect::<Vec<u8>>().into())
     }
 }
@@ -78,8 +78,8 @@ impl Writes for Obj {
         text::is_own_obj(start)
     }
 
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
-        notes.push("an OBJ holds the mesh alone: skeleton and weights are not in it".to_owned());
+    fn files(&self, assets: &[Asset], notes: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
+        notes.push(WriteNote::Lacks("an OBJ holds the mesh alone: skeleton and weights are not in it"));
         Ok(text::objs(assets).into())
     }
 }
@@ -129,7 +129,7 @@ impl Writes for Fbx {
         crate::fbx::made_of(&start)
     }
 
-    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], _: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         let asset = &assets[0];
         let cannot = |reason| WriteError::Cannot { asset: asset.name.clone(), format: super::Target::FBX, reason };
         let options = ExportOptions { influences: Influences::All, ..ExportOptions::default() };

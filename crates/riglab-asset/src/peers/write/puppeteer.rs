@@ -7,6 +7,7 @@ use std::path::Path;
 use hdf5_pure::{AttrValue, Datatype, DatatypeByteOrder, Error, File, FileBuilder, FloatingPointLayout, GroupBuilder};
 use riglab_core::{Asset, Rig, Skeleton};
 
+use super::WriteNote;
 use super::articulation::{REACH, cloud};
 use super::filling::{Begin, Fault, Fills};
 use super::npz::{corners, dense_row, f16s, too_many_weights};
@@ -71,10 +72,11 @@ impl Fills for Samples {
         Some("joint names are not in it: the format has no place for them")
     }
 
-    fn add(&mut self, asset: &Asset, notes: &mut Vec<String>) -> Result<(), Fault> {
+    fn add(&mut self, asset: &Asset, notes: &mut Vec<WriteNote>) -> Result<(), Fault> {
         let joints = asset.rig.skeleton().len();
         if joints > JOINTS {
-            notes.push(format!("`{}` has {joints} joints, the format's own readers take up to {JOINTS}", asset.name));
+            let asset = asset.name.clone();
+            WriteNote::ManyJoints { assets: 1, asset, joints, most: JOINTS }.put(notes);
         }
         if let Some(reason) = PuppeteerH5.lacks(&asset.rig) {
             return Err(Fault::Cannot(reason));

@@ -7,7 +7,7 @@ use riglab_core::{Asset, Rig};
 use super::super::array_rig::Up;
 use super::npz::{self, Npz, corners, turned};
 use super::target::{Writes, Written};
-use super::{WriteError, tails};
+use super::{WriteError, WriteNote, tails};
 
 /// SkinTokens' npz.
 pub(super) struct SkinTokens;
@@ -38,7 +38,7 @@ impl Writes for SkinTokens {
         npz::is_own(path)
     }
 
-    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], _: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         Ok(file(&assets[0]).into())
     }
 }

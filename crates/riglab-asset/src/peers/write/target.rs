@@ -7,8 +7,8 @@ use std::str::FromStr;
 
 use riglab_core::{Asset, Bounds, Rig, Similarity};
 
-use super::WriteError;
 use super::filling::Begin;
+use super::{WriteError, WriteNote};
 
 /// All that riglab asks of a format that it writes. Whoever adds one implements this in a module of its own and adds a line
 /// to the list.
@@ -69,7 +69,7 @@ pub(crate) trait Writes: Sync {
     /// The bytes of a file, and of the one beside it. What the format does not hold is told in `notes`.
     ///
     /// `assets` is one.
-    fn files(&self, _assets: &[Asset], _notes: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, _assets: &[Asset], _notes: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         unreachable!("files of several assets are filled")
     }
 }
@@ -195,17 +195,11 @@ impl Target {
         Some(rig.transformed(map).expect("what is in a cube is finite"))
     }
 
-    /// A sentence on assets that reach out of the cube that the format's own loaders expect.
-    pub(super) fn beyond(self, reach: &Reach) -> Option<String> {
+    /// What is told of assets that reach out of the cube that the format's own loaders expect.
+    pub(super) fn beyond(self, reach: &Reach) -> Option<WriteNote> {
         let half = self.0.half_cube()?;
         let Reach { assets, beyond, most } = *reach;
-        let whose = if assets == 1 { "it reaches".into() } else { format!("{beyond} assets reach") };
-        (beyond > 0).then(|| {
-            format!(
-                "{whose} beyond the {half} from the origin that the format's own loaders expect, to {most}; `--fit` moves \
-                 and scales vertices and joints together"
-            )
-        })
+        (beyond > 0).then_some(WriteNote::Beyond { half, assets, beyond, most })
     }
 
     /// Whether a file that is there is one of the format, or the mesh beside one, and nothing else by that name.

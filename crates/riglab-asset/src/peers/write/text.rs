@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use riglab_core::{Asset, JointId, Mesh, Rig};
 
-use super::WriteError;
 use super::target::{Writes, Written};
+use super::{WriteError, WriteNote};
 use crate::maker::MAKER;
 use crate::names::Names;
 use crate::peers::starts_as_rig;
@@ -41,7 +41,7 @@ impl Writes for RigNet {
         Some(mesh_path(path))
     }
 
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], notes: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         Ok(pair(assets, notes, |of| [of.joints, of.root, of.skin, of.hier]))
     }
 }
@@ -72,7 +72,7 @@ impl Writes for Puppeteer {
         Some(mesh_path(path))
     }
 
-    fn files(&self, assets: &[Asset], notes: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], notes: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         Ok(pair(assets, notes, |of| [of.joints, of.root, of.hier, of.skin]))
     }
 }
@@ -138,7 +138,7 @@ pub(super) fn objs(assets: &[Asset]) -> Vec<u8> {
 }
 
 /// A text with its blocks in an order, and the mesh.
-fn pair(assets: &[Asset], notes: &mut Vec<String>, order: fn(Blocks) -> [String; 4]) -> Written {
+fn pair(assets: &[Asset], notes: &mut Vec<WriteNote>, order: fn(Blocks) -> [String; 4]) -> Written {
     let file: Vec<u8> =
         assets.iter().flat_map(|asset| order(blocks(&asset.rig, notes)).concat().into_bytes()).collect();
     let of_text = format!("of the rig text {}", digest(&file));
@@ -181,7 +181,7 @@ struct Blocks {
     skin: String,
 }
 
-fn blocks(rig: &Rig, notes: &mut Vec<String>) -> Blocks {
+fn blocks(rig: &Rig, notes: &mut Vec<WriteNote>) -> Blocks {
     let skeleton = rig.skeleton();
     let mut unique = Names::default();
     let mut changed = 0;
@@ -193,7 +193,7 @@ fn blocks(rig: &Rig, notes: &mut Vec<String>) -> Blocks {
         })
         .collect();
     if changed > 0 {
-        notes.push(format!("blanks in the names of {changed} joints became `_`: words of the text end at blanks"));
+        notes.push(WriteNote::Blanks { joints: changed });
     }
     let name = |joint: JointId| &names[joint.index()];
     let (mut joints, mut hier, mut skin) = (String::new(), String::new(), String::new());

@@ -7,7 +7,7 @@ use riglab_core::{Asset, Mesh, Rig, Vec3};
 use super::super::array_rig::Up;
 use super::npz::{self, Npz, corners, turned};
 use super::target::{Writes, Written};
-use super::{WriteError, tails};
+use super::{WriteError, WriteNote, tails};
 
 /// UniRig's `raw_data.npz`.
 pub(super) struct UniRig;
@@ -38,7 +38,7 @@ impl Writes for UniRig {
         npz::is_own(path)
     }
 
-    fn files(&self, assets: &[Asset], _: &mut Vec<String>) -> Result<Written, WriteError> {
+    fn files(&self, assets: &[Asset], _: &mut Vec<WriteNote>) -> Result<Written, WriteError> {
         Ok(file(&assets[0].rig).into())
     }
 }

@@ -12,7 +12,7 @@ use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
 use super::beside::{Beside, name_in};
-use super::{Args, Lost, file_name, is_io, numbered};
+use super::{Args, Lost, Notes, file_name, in_line, is_io, numbered};
 
 /// The corpus at `path`, if it is one.
 pub fn open(path: &Path) -> Option<Corpus> {
@@ -21,7 +21,7 @@ pub fn open(path: &Path) -> Option<Corpus> {
 
 /// Every asset into a file of its own, named as the asset without the ending that its file had.
 pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
-    let (mut written, mut failed, mut lost) = (0, 0, Lost::default());
+    let (mut written, mut failed, mut lost, mut notes) = (0, 0, Lost::default(), Notes::default());
     let (splits, bare) = (corpus.texts("split")?, HashSet::<usize>::from_iter(corpus.bare()?));
     let originals = Originals::of(corpus)?;
     let mut told = Beside::default();
@@ -41,7 +41,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             originals.keep(&path, target, args)?;
             make_folder_of(&path)?;
             let asset = args.placed(asset, target);
-            store(&asset, bare, &path, target, args)?;
+            store(&asset, bare, &path, target, args, &mut notes)?;
             let steps = path.strip_prefix(&args.out).unwrap_or(&path).iter().map(|step| step.to_string_lossy());
             told.add(&steps.collect::<Vec<_>>().join("/"), split, &asset.provenance);
             lost = std::mem::take(&mut lost).with_asset(&asset, target);
@@ -60,6 +60,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     }
     progress.finish();
     told.write(&args.out, "the corpus")?;
+    notes.tell();
     lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
     Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -87,13 +88,15 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
     };
     Originals::of(corpus)?.keep(&out, target, args)?;
     make_folder_of(&out)?;
-    store(&asset, bare, &out, target, args)?;
+    let mut notes = Notes::default();
+    store(&asset, bare, &out, target, args, &mut notes)?;
     // A single file may go anywhere, where others' lists stand or would be astray.
     if args.item.is_none() && into_folder {
         beside(corpus, &[(index, asset.name.clone(), asset.provenance.clone())], &out)?;
     }
+    notes.tell();
     Lost::default().with_asset(&asset, target).tell(&args.input, target);
-    say!("{}", out.display());
+    say!("{}", in_line(out.display()));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -132,7 +135,7 @@ pub fn together(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode
     }
     beside(corpus, &written, out)?;
     lost.tell(&args.input, target);
-    say!("{}", out.display());
+    say!("{}", in_line(out.display()));
     Ok(if written.len() == count { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
@@ -176,8 +179,8 @@ impl Originals {
 }
 
 /// `bare`: what a corpus holds of a mesh without a rig is a joint for all of it, which is nobody's.
-fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> Result<()> {
-    let notes = if target.holds_scenes() {
+fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args, notes: &mut Notes) -> Result<()> {
+    if target.holds_scenes() {
         let exported = export::moving(asset, &args.export())?;
         let exported = match bare {
             true => export::strip_bytes("mesh.glb", &exported.bytes, None, &ImportOptions::default())?,
@@ -185,15 +188,12 @@ fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args) -> 
         };
         let bytes = in_format(exported.bytes, target).with_context(|| asset.name.clone())?;
         riglab_files::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
-        exported.notes.iter().map(ToString::to_string).collect()
+        exported.notes.iter().for_each(|note| notes.exported(&asset.name, note));
     } else if target == Target::OBJ && bare {
         write_mesh(asset.rig.mesh(), out)?;
-        Vec::new()
     } else {
-        write(std::slice::from_ref(asset), out, target)?
-    };
-    for note in notes {
-        tell!("note: {}: {note}", asset.name);
+        let told = write(std::slice::from_ref(asset), out, target)?;
+        told.iter().for_each(|note| notes.written(&asset.name, note));
     }
     Ok(())
 }

@@ -20,15 +20,16 @@ use riglab_core::Asset;
 use riglab_data::Tally;
 use riglab_files::make_folder_of;
 
+use super::alike::Notes;
 use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::inputs;
 use super::of_files::OfFiles;
-use super::place_to_write;
+use super::{in_line, place_to_write};
 use beside::{Beside, Known, name_in};
 use lost::Lost;
 use riglab_report::counted;
-use store::{spare, spare_inputs, store, tell_place, warn};
+use store::{note_place, spare, spare_inputs, store, warn};
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
@@ -217,10 +218,11 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let imported = import(&args.input, &options)?;
     let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
     make_folder_of(&out)?;
-    let mut lost = Lost::default();
-    store(imported, &out, target, args, &inputs, &mut lost)?;
+    let (mut lost, mut notes) = (Lost::default(), Notes::default());
+    store(imported, &out, target, args, &inputs, (&mut lost, &mut notes))?;
+    notes.tell();
     lost.tell(&args.input, target);
-    written_paths(&out, target).iter().for_each(|path| say!("{}", path.display()));
+    written_paths(&out, target).iter().for_each(|path| say!("{}", in_line(path.display())));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -233,7 +235,7 @@ fn into(
     inputs: &HashSet<PathBuf>,
 ) -> Result<ExitCode> {
     let (out, input) = (&args.out, &args.input);
-    let (mut written, mut failed, mut lost) = (0, unread, Lost::default());
+    let (mut written, mut failed, mut lost, mut notes) = (0, unread, Lost::default(), Notes::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
     let progress = OfFiles::new("converting", files.len());
@@ -253,12 +255,13 @@ fn into(
                     return ControlFlow::Continue(());
                 }
             };
-            let mut name = file_name(&imported.name, target);
+            let own = imported.name.clone();
+            let mut name = file_name(&own, target);
             // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
             let mut again = 1;
             while written_paths(folder.join(&name), target).iter().any(|path| taken.contains(path)) {
                 again += 1;
-                name = numbered(&imported.name, again, target);
+                name = numbered(&own, again, target);
             }
             if again > 1 {
                 tell!("note: {}: written as {name}, as another file has its name", file.display());
@@ -267,7 +270,7 @@ fn into(
             let place = folder.join(&name);
             let stored = make_folder_of(&place)
                 .map_err(anyhow::Error::from)
-                .and_then(|()| store(imported, &place, target, args, inputs, &mut lost));
+                .and_then(|()| store(imported, &place, target, args, inputs, (&mut lost, &mut notes)));
             match stored {
                 Ok(()) => written += 1,
                 // The disk: the next will not go either.
@@ -288,6 +291,7 @@ fn into(
     }
     progress.finish();
     broken?;
+    notes.tell();
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
@@ -315,7 +319,7 @@ fn together(
     let known = args.input.is_dir().then(|| Known::of(&args.input)).transpose()?;
     // The names that were written, with what is known of each.
     let (mut written, mut about) = (Vec::new(), Vec::new());
-    let mut lost = Lost::default();
+    let (mut lost, mut notes) = (Lost::default(), Notes::default());
     let mut names = HashSet::new();
     let progress = OfFiles::new("reading", files.len());
     let set = |done, of| progress.set(done, of);
@@ -329,7 +333,7 @@ fn together(
             if let Ok(imported) = &imported {
                 warn(imported);
                 if imported.rig().is_some() {
-                    tell_place(imported);
+                    note_place(imported, &mut notes);
                     with = Some(lost.clone().with(imported, target));
                 }
             }
@@ -371,6 +375,7 @@ fn together(
     for note in filling.end()? {
         tell!("note: {note}");
     }
+    notes.tell();
     let mut beside = Beside::default();
     for (name, (split, from)) in written.iter().zip(&about) {
         beside.add(&name_in(out, name, written.len()), split, from);

@@ -14,7 +14,7 @@ use riglab_core::Springs;
 use super::super::inspect::shown_elsewhere;
 use super::super::is_fbx;
 use super::lost::subject;
-use super::{Args, Lost};
+use super::{Args, Lost, Notes};
 
 pub(super) fn warn(imported: &Imported) {
     for warning in imported.warnings() {
@@ -23,9 +23,9 @@ pub(super) fn warn(imported: &Imported) {
 }
 
 /// Says so where what is written stands elsewhere than the file shows it.
-pub(super) fn tell_place(imported: &Imported) {
+pub(super) fn note_place(imported: &Imported, notes: &mut Notes) {
     if let Some(note) = shown_elsewhere(imported) {
-        tell!("note: {}: {note}", imported.provenance.source);
+        notes.said(&imported.provenance.source, note);
     }
 }
 
@@ -50,26 +50,25 @@ pub(super) fn store(
     target: Target,
     args: &Args,
     inputs: &HashSet<PathBuf>,
-    lost: &mut Lost,
+    (lost, notes): (&mut Lost, &mut Notes),
 ) -> Result<()> {
     spare(inputs, out, target, args)?;
     warn(&imported);
     if target == Target::GLB {
-        return store_glb(&imported, out, args, lost);
+        return store_glb(&imported, out, args, (lost, notes));
     }
     #[cfg(feature = "fbx")]
     if target == Target::FBX {
-        return store_fbx(&imported, out, args, lost);
+        return store_fbx(&imported, out, args, (lost, notes));
     }
     let with = lost.clone().with(&imported, target);
-    tell_place(&imported);
+    note_place(&imported, notes);
     match &imported.content {
         Content::Bare(mesh) if target == Target::OBJ => write_mesh(mesh, out)?,
         _ => {
             let source = imported.provenance.source.clone();
-            for note in write(&[args.placed(imported.into_asset()?, target)], out, target)? {
-                tell!("note: {source}: {note}");
-            }
+            let told = write(&[args.placed(imported.into_asset()?, target)], out, target)?;
+            told.iter().for_each(|note| notes.written(&source, note));
         }
     }
     *lost = with;
@@ -77,9 +76,9 @@ pub(super) fn store(
 }
 
 /// With all that its document has, where there is one.
-fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
+fn store_glb(imported: &Imported, out: &Path, args: &Args, (lost, notes): (&mut Lost, &mut Notes)) -> Result<()> {
     let source = &imported.provenance.source;
-    let bytes = whole(imported, args)?;
+    let bytes = whole(imported, args, notes)?;
     if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(&bytes) {
         tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
     }
@@ -93,9 +92,9 @@ fn store_glb(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> R
 
 /// The same as FBX.
 #[cfg(feature = "fbx")]
-fn store_fbx(imported: &Imported, out: &Path, args: &Args, lost: &mut Lost) -> Result<()> {
+fn store_fbx(imported: &Imported, out: &Path, args: &Args, (lost, notes): (&mut Lost, &mut Notes)) -> Result<()> {
     let source = &imported.provenance.source;
-    let file = riglab_asset::glb_to_fbx(&whole(imported, args)?).with_context(|| source.clone())?;
+    let file = riglab_asset::glb_to_fbx(&whole(imported, args, notes)?).with_context(|| source.clone())?;
     export::write(out, &file.bytes).with_context(|| format!("{}", out.display()))?;
     let own = std::mem::take(lost);
     *lost = match keeps_looks(imported) || imported.rig().is_none() {
@@ -112,7 +111,7 @@ fn keeps_looks(imported: &Imported) -> bool {
 }
 
 /// A file as a GLB with all that it has; what is not in it is told.
-fn whole(imported: &Imported, args: &Args) -> Result<Vec<u8>> {
+fn whole(imported: &Imported, args: &Args, notes: &mut Notes) -> Result<Vec<u8>> {
     let source = &imported.provenance.source;
     let document = is_gltf(Path::new(source));
     // A choice among one is none.
@@ -123,29 +122,30 @@ fn whole(imported: &Imported, args: &Args) -> Result<Vec<u8>> {
     let imported = whole.as_ref().filter(|all| all.reading.characters().len() == 1).unwrap_or(imported);
     let one_of_several = whole.as_ref().is_some_and(|all| all.reading.characters().len() > 1);
     if one_of_several {
-        tell!("note: {source}: of one character only the rig is written; materials, pictures, motions are left out");
-        tell_place(imported);
+        let left = "of one character only the rig is written; materials, pictures, motions are left out";
+        notes.said(source, left.into());
+        note_place(imported, notes);
     }
     let exported = match imported.rig() {
         Some(rig) if document && !one_of_several => export::onto(source, imported, rig, &args.export())?,
         #[cfg(feature = "fbx")]
         Some(_) if is_fbx(Path::new(source)) => {
-            let (exported, notes) =
+            let (exported, told) =
                 rigging::dressed(Path::new(source), &args.import(), &Springs::default(), &args.export())?;
-            notes.iter().for_each(|note| tell!("note: {source}: {note}"));
+            told.iter().for_each(|note| notes.said(source, note.to_string()));
             exported
         }
         Some(rig) => export::alone(&imported.name, rig, &imported.provenance, &args.export())?,
         // Nothing to take out: the document as one file.
         None if document => export::strip(source, &ImportOptions::default())?,
-        None => bare(source)?,
+        None => bare(source, notes)?,
     };
-    exported.notes.iter().for_each(|note| tell!("note: {source}: {note}"));
+    exported.notes.iter().for_each(|note| notes.exported(source, note));
     Ok(exported.bytes)
 }
 
 /// A model of another format as a GLB with its looks.
-fn bare(source: &str) -> Result<export::Exported> {
+fn bare(source: &str, notes: &mut Notes) -> Result<export::Exported> {
     let subject = subject(Path::new(source))?;
     for note in subject.notes() {
         match note {
@@ -155,9 +155,10 @@ fn bare(source: &str) -> Result<export::Exported> {
             | SubjectNote::InsideOut { .. }
             | SubjectNote::Flat { .. } => {}
             SubjectNote::LiesDown { axis, .. } => {
-                tell!("note: {source}: {axis} seems to be up in it, and y is in a GLB: there it lies on its side");
+                let lies = format!("{axis} seems to be up in it, and y is in a GLB: there it lies on its side");
+                notes.said(source, lies);
             }
-            note => tell!("note: {source}: {note}"),
+            note => notes.said(source, note.to_string()),
         }
     }
     let bytes = subject.document().map(<[u8]>::to_vec);
