@@ -418,7 +418,14 @@ fn the_source_is_never_written_over_and_faults_are_named() {
         let apart = refusal(&mut riglab(&["convert", text(creature), text(&out), "--to", format]));
         assert!(apart.contains(&format!("ends in .{ending}")) && !out.exists(), "{apart}");
     }
-    must(&["convert", text(creature), text(&dir.path().join("out.vrm")), "--to", "glb"]);
+    // What is no VRM is not called so.
+    let vrm = dir.path().join("out.vrm");
+    let said = refusal(&mut riglab(&["convert", text(creature), text(&vrm), "--to", "glb"]));
+    assert!(said.contains("only what is a VRM is written as one") && !vrm.exists(), "{said}");
+    let (rig, again) = (dir.path().join("rig.fbx"), dir.path().join("again.vrm"));
+    must(&["convert", text(creature), text(&rig)]);
+    let said = refusal(&mut riglab(&["convert", text(&rig), text(&again)]));
+    assert!(said.contains("name it .glb") && !again.exists(), "{said}");
 }
 
 #[test]

@@ -12,6 +12,7 @@ use riglab_files::make_folder_of;
 use riglab_train::Progress;
 
 use super::beside::{Beside, name_in};
+use super::store::keep_vrm;
 use super::{Args, Lost, Notes, file_name, in_line, is_io, numbered};
 
 /// The corpus at `path`, if it is one.
@@ -187,6 +188,7 @@ fn store(asset: &Asset, bare: bool, out: &Path, target: Target, args: &Args, not
             false => exported,
         };
         let bytes = in_format(exported.bytes, target).with_context(|| asset.name.clone())?;
+        keep_vrm(out, &bytes, &asset.name)?;
         riglab_files::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
         exported.notes.iter().for_each(|note| notes.exported(&asset.name, note));
     } else if target == Target::OBJ && bare {

@@ -33,7 +33,7 @@ use store::{note_place, spare, spare_inputs, store, warn};
 
 /// Turn rigged files of any format that is read into any that is written.
 ///
-/// Written are glb, obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
+/// Written are glb (.vrm, where what is written is one), obj (the mesh alone), rignet (text and OBJ), puppeteer (text and OBJ),
 /// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The name of OUT tells
 /// which; an npz that is not called raw_data.npz, a txt that does not end in _rig.txt, and an h5 made of a corpus need
 /// --to. A folder or a file of several assets goes into a folder, a file an asset, or into one file of a format that

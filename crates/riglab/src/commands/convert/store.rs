@@ -77,15 +77,23 @@ pub(super) fn store(
 
 /// With all that its document has, where there is one.
 fn store_glb(imported: &Imported, out: &Path, args: &Args, (lost, notes): (&mut Lost, &mut Notes)) -> Result<()> {
-    let source = &imported.provenance.source;
     let bytes = whole(imported, args, notes)?;
-    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(&bytes) {
-        tell!("note: {source}: {} is a plain GLB, as there is no data of VRM in it", out.display());
-    }
+    keep_vrm(out, &bytes, &imported.provenance.source)?;
     export::write(out, &bytes).with_context(|| format!("{}", out.display()))?;
     // A bare model keeps its looks, too.
     if !keeps_looks(imported) && imported.rig().is_some() {
         *lost = std::mem::take(lost).with(imported, Target::GLB);
+    }
+    Ok(())
+}
+
+/// Refuses to call a GLB a VRM that is none: programs that open VRM would refuse it.
+pub(super) fn keep_vrm(out: &Path, glb: &[u8], source: &str) -> Result<()> {
+    if out.extension().is_some_and(|of| of.eq_ignore_ascii_case("vrm")) && !is_vrm(glb) {
+        bail!(
+            "{}: only what is a VRM is written as one, and of {source} there is no data of VRM; name it .glb",
+            out.display()
+        );
     }
     Ok(())
 }
