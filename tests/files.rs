@@ -237,6 +237,19 @@ fn a_folder_in_one_file_keeps_what_its_lists_say_beside_it() {
     assert_eq!(known(&path("one"), &path("one.h5")), known(&path("made"), &path("made.h5")));
     let said = String::from_utf8(convert()).unwrap();
     assert!(said.contains("split.json is there already"), "{said}");
+    // Beside files in a folder, too, without those that were left out.
+    fs::write(path("made/broken.glb"), "glTF").unwrap();
+    fs::write(
+        path("made/split.json"),
+        serde_json::json!({"train": [first], "val": [second, "broken.glb"]}).to_string(),
+    )
+    .unwrap();
+    let out = riglab(&["convert", text(&path("made")), text(&path("apart/")), "--to", "fbx"]).output().unwrap();
+    assert!(!out.status.success() && path("apart/manifest.json").is_file(), "{out:?}");
+    let listed: Value = serde_json::from_slice(&fs::read(path("apart/split.json")).unwrap()).unwrap();
+    let fbx = |name: &str| name.replace(".glb", ".fbx");
+    assert_eq!(listed, serde_json::json!({"train": [fbx(first)], "val": [fbx(second)]}));
+    assert_eq!(known(&path("apart"), &path("apart.h5")), known(&path("made"), &path("made.h5")));
 }
 
 #[test]
@@ -660,7 +673,7 @@ fn hidden_files_and_write_protected_corpora_are_left_alone() {
         assert_eq!(said.matches(skipped).count(), 1, "{args:?}: {said}");
         assert!(args[0] == "curate" || said.contains("pipe.glb: it is no plain file"), "{said}");
     }
-    assert_eq!(fs::read_dir(path("out")).unwrap().count(), 2);
+    assert!(fs::read_dir(path("out")).unwrap().count() == 3 && path("out/manifest.json").is_file());
     let mut mode = path("c.h5").metadata().unwrap().permissions();
     mode.set_readonly(true);
     fs::set_permissions(path("c.h5"), mode).unwrap();
@@ -842,7 +855,8 @@ fn a_folder_is_converted_below_itself_as_often_as_one_likes() {
     let said = String::from_utf8(again.stderr).unwrap();
     assert!(said.contains("not taken as input: 2 files in the output folder"), "{said}");
     assert!(String::from_utf8_lossy(&again.stdout).starts_with("2 written"));
-    assert_eq!(fs::read_dir(&out).unwrap().count(), 2);
+    // And the list of what they are.
+    assert!(fs::read_dir(&out).unwrap().count() == 3 && out.join("manifest.json").is_file());
     // Into itself in another format, too.
     for format in ["rignet", "fbx", "unirig"] {
         let convert = || must(&["convert", text(&made), text(&made), "--to", format]);

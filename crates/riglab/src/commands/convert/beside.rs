@@ -76,6 +76,12 @@ impl Beside {
         }
     }
 
+    /// Of a file below `folder`.
+    pub fn add_file(&mut self, folder: &Path, file: &Path, split: &str, from: &Provenance) {
+        let steps = file.strip_prefix(folder).unwrap_or(file).iter().map(|step| step.to_string_lossy());
+        self.add(&steps.collect::<Vec<_>>().join("/"), split, from);
+    }
+
     /// Gives the files that were written into a folder. `whose` it is that knew it stands in what is told.
     pub fn write(&self, folder: &Path, whose: &str) -> Result<Vec<PathBuf>> {
         let mut written = Vec::new();

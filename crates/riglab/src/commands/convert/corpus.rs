@@ -43,8 +43,7 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             make_folder_of(&path)?;
             let asset = args.placed(asset, target);
             store(&asset, bare, &path, target, args, &mut notes)?;
-            let steps = path.strip_prefix(&args.out).unwrap_or(&path).iter().map(|step| step.to_string_lossy());
-            told.add(&steps.collect::<Vec<_>>().join("/"), split, &asset.provenance);
+            told.add_file(&args.out, &path, split, &asset.provenance);
             lost = std::mem::take(&mut lost).with_asset(&asset, target);
             Ok(())
         });

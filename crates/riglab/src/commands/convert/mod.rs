@@ -43,8 +43,8 @@ use store::{note_place, spare, spare_inputs, store, warn};
 /// corpora mesh, skeleton, weights and motions.
 /// Anything a format cannot hold is reported on standard error, and so are coordinates beyond what the format's own loaders
 /// expect (see --fit). A corpus is written as its assets; a manifest.json and a split.json beside them, where none are yet, say
-/// what it knows of sources, licences, authors, categories and splits, and so they do beside one file that a folder with such
-/// lists is written to.
+/// what it knows of sources, licences, authors, categories and splits, and so they do beside what a folder with such lists is
+/// written to.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -236,13 +236,15 @@ fn into(
 ) -> Result<ExitCode> {
     let (out, input) = (&args.out, &args.input);
     let (mut written, mut failed, mut lost, mut notes) = (0, unread, Lost::default(), Notes::default());
+    let (known, mut beside) = (input.is_dir().then(|| Known::of(input)).transpose()?, Beside::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
     let mut broken = Ok(());
     let progress = OfFiles::new("converting", files.len());
     let set = |done, of| progress.set(done, of);
     let tally = Tally::new(files.len(), 0, &set);
     for file in files {
-        let mut open = tally.open(count_assets(file).unwrap_or(1));
+        let count = count_assets(file).unwrap_or(1);
+        let mut open = tally.open(count);
         // Folders below the input come again below the output.
         let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
         import_each(file, options, |imported| {
@@ -256,6 +258,10 @@ fn into(
                 }
             };
             let own = imported.name.clone();
+            let about = known.as_ref().map(|known| {
+                let its = (count > 1).then_some(imported.name.as_str());
+                known.about(file, its, &imported.provenance)
+            });
             let mut name = file_name(&own, target);
             // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
             let mut again = 1;
@@ -272,7 +278,12 @@ fn into(
                 .map_err(anyhow::Error::from)
                 .and_then(|()| store(imported, &place, target, args, inputs, (&mut lost, &mut notes)));
             match stored {
-                Ok(()) => written += 1,
+                Ok(()) => {
+                    written += 1;
+                    if let Some((split, from)) = &about {
+                        beside.add_file(out, &place, split, from);
+                    }
+                }
                 // The disk: the next will not go either.
                 Err(e) if is_io(&e) => {
                     broken = Err(e);
@@ -291,6 +302,7 @@ fn into(
     }
     progress.finish();
     broken?;
+    beside.write(out, "the folder")?;
     notes.tell();
     lost.tell(input, target);
     say!("{written} written to {}, {failed} left out", out.display());
