@@ -387,6 +387,25 @@ fn many_files_become_one_and_a_corpus() {
     let apart = dir.path().join("apart");
     must(&["convert", text(&one), text(&apart), "--to", "glb"]);
     assert_eq!(fs::read_dir(apart).unwrap().count(), count);
+    // Files that are made of a corpus, and of one file that was made of it, are called alike, and a kind of note is a line.
+    let of_corpus = dir.path().join("of_corpus.npz");
+    let plain = dir.path().join("plain.h5");
+    must(&["dataset", "import", text(&made), "-o", text(&plain)]);
+    must(&["convert", text(&plain), text(&of_corpus), "--to", "articulation-xl"]);
+    let names = |from: &Path, to: &str| {
+        let to = dir.path().join(to);
+        let said = String::from_utf8(must(&["convert", text(from), text(&to), "--to", "puppeteer-h5"]).stderr).unwrap();
+        let lacking: Vec<&str> = said.lines().filter(|line| line.contains("joint names are not in it")).collect();
+        assert!(lacking.len() == 1 && lacking[0].starts_with("note: ") && lacking[0].contains(", "), "{said}");
+        let names = fs::read_dir(to).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.filter(|name| name.ends_with(".h5")).collect();
+        names.sort();
+        names
+    };
+    let once = names(&plain, "once/");
+    assert!(once.len() == count && once.iter().all(|name| !name.contains(".glb")), "{once:?}");
+    assert_eq!(names(&of_corpus, "twice/"), once);
+    assert_eq!(names(&made, "thrice/"), once);
 }
 
 #[test]

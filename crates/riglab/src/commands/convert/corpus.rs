@@ -214,10 +214,14 @@ fn in_format(glb: Vec<u8>, _: Target) -> Result<Vec<u8>> {
 /// Steps that lead out of the folder are dropped.
 fn place(name: &str) -> (PathBuf, String) {
     let mut steps: Vec<&str> = name.split('/').filter(|s| !["", ".", ".."].contains(s)).collect();
-    let own = steps.pop().unwrap_or("asset");
-    let of_file = Format::by_ending(Path::new(own)).is_some();
-    let own = own.rsplit_once('.').filter(|(stem, _)| of_file && !stem.is_empty()).map_or(own, |(stem, _)| stem);
+    let own = without_ending(steps.pop().unwrap_or("asset"));
     (steps.into_iter().collect(), own.to_owned())
+}
+
+/// A name without the ending of the file that it is of.
+pub(super) fn without_ending(name: &str) -> &str {
+    let of_file = Format::by_ending(Path::new(name)).is_some();
+    name.rsplit_once('.').filter(|(stem, _)| of_file && !stem.is_empty()).map_or(name, |(stem, _)| stem)
 }
 
 #[cfg(test)]

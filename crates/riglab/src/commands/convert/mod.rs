@@ -216,7 +216,8 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         return together(args, (&files, unread), target, &options, &inputs);
     }
     let imported = import(&args.input, &options)?;
-    let out = if into_folder { args.out.join(file_name(&imported.name, target)) } else { args.out.clone() };
+    let own = own_name(&imported, &args.input);
+    let out = if into_folder { args.out.join(file_name(own, target)) } else { args.out.clone() };
     make_folder_of(&out)?;
     let (mut lost, mut notes) = (Lost::default(), Notes::default());
     store(imported, &out, target, args, &inputs, (&mut lost, &mut notes))?;
@@ -257,7 +258,7 @@ fn into(
                     return ControlFlow::Continue(());
                 }
             };
-            let own = imported.name.clone();
+            let own = own_name(&imported, file).to_owned();
             let about = known.as_ref().map(|known| {
                 let its = (count > 1).then_some(imported.name.as_str());
                 known.about(file, its, &imported.provenance)
@@ -396,6 +397,15 @@ fn together(
     lost.tell(&args.input, target);
     say!("{}: {}, {failed} left out", out.display(), counted(written.len(), "asset"));
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// What an asset of a file is called as a file. One of several has the name that it was given there, which is that of a file
+/// where riglab wrote it.
+fn own_name<'a>(imported: &'a Imported, file: &Path) -> &'a str {
+    match *imported.provenance.source == *file.to_string_lossy() {
+        true => &imported.name,
+        false => corpus::without_ending(&imported.name),
+    }
 }
 
 /// A file name for an asset: names come from files and may lead anywhere.
