@@ -98,8 +98,14 @@ pub fn rig(
     let draws = draws(&made, wish.rank);
     let (sample, likelihood, rewards) = (made.sample, made.taken().likelihood, made.taken().rewards);
     let weights = subject.with_rigid_parts(subject.agreed(&made.weights));
-    // Weights that agree over seams are of more joints there; that those are cut again is no news.
-    let said = |note: &&ExportNote| !matches!(note, ExportNote::InfluencesCut { .. });
+    let fbx = to.extension().is_some_and(|of| of.eq_ignore_ascii_case("fbx"));
+    // Weights that agree over seams are of more joints there; that those are cut again is no news. An FBX is no VRM, whatever
+    // it lacks.
+    let said = |note: &&ExportNote| match note {
+        ExportNote::InfluencesCut { .. } => false,
+        ExportNote::NotHuman { .. } => !fbx,
+        _ => true,
+    };
     let joints = made.skeleton.len();
     let added = given.as_ref().filter(|_| wish.complete).map(|given| joints - given.len());
     let about = || from.display().to_string();
