@@ -92,8 +92,8 @@ pub(crate) fn weights(all: &[(&str, f64)]) -> Result<(), (String, String)> {
     }
 }
 
-/// Settings that name models which a run builds on.
-const MODELS: [&str; 2] = ["skin.run", "start.model"];
+/// Settings that say where models lie which a run builds on: they may have been moved since.
+pub const MODELS: [&str; 2] = ["start.model", "skin.run"];
 
 /// Where the models are that a run names by paths which lead nowhere from here, though they do from the folder where it was
 /// begun: as `--set` takes them.

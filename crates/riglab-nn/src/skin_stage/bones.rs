@@ -32,10 +32,10 @@ impl BoneEncoder {
     /// Bones [b, j, 3 k], the points that are seen of each, and the cloud [b, n, 6] they lie in, to [b, j, d].
     pub fn embed(&self, w: &Weights, bones: &Tensor, cloud: &Tensor) -> Tensor {
         let (b, j, c) = bones.size3().expect("three axes");
-        let mut points = bones.view([b, j, c / 3, 3]);
-        if self.from_corner {
-            points = points - cloud.narrow(2, 0, 3).amin([1], true).unsqueeze(1);
-        }
+        let points = bones.view([b, j, c / 3, 3]);
+        let corner = || cloud.narrow(2, 0, 3).amin([1], true).unsqueeze(1);
+        // Into memory of its own, as a view shares the caller's.
+        let points = if self.from_corner { &points - corner() } else { points };
         let x = self.embedding.forward(&points).flatten(2, 3).to_kind(w.kind());
         self.layers.iter().fold(x, |x, layer| layer.forward(w, &x))
     }

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use riglab_report::counted;
 use riglab_task::assets::Assets;
+use riglab_task::settings::MODELS;
 use riglab_train::{Run, RunInfo, Task, TrainConfig, factor, first_apart};
 
+use super::shown;
 use super::train::{other_data, reached, whole};
-use super::{MOVED, shown};
 use crate::presets;
 use crate::registry::TaskConfig;
 
@@ -26,13 +27,13 @@ pub struct Longer {
 
 /// Refuses changes of what stands in a run.
 pub fn only(run: &Path, sets: &[String]) -> Result<()> {
-    let other = |set: &&String| key(set).is_none_or(|key| key != STEPS && !MOVED.contains(&key));
+    let other = |set: &&String| key(set).is_none_or(|key| key != STEPS && !MODELS.contains(&key));
     match sets.iter().find(other) {
         Some(set) => bail!(
             "{}: a run keeps its settings: only {STEPS} may be raised, and {} name a model that was moved; `--set {set}` \
              belongs to a new one",
             run.display(),
-            MOVED.join(" and ")
+            MODELS.join(" and ")
         ),
         None => Ok(()),
     }
@@ -46,7 +47,7 @@ fn key(set: &str) -> Option<&str> {
 fn known(run: &Run, sets: &[String]) -> Result<()> {
     let companions = run.info()?.map_or_else(Vec::new, |info| info.companions);
     let unknown = |moved: &&str| companions.iter().all(|(known, _)| known != moved);
-    match sets.iter().filter_map(|set| key(set)).filter(|key| MOVED.contains(key)).find(unknown) {
+    match sets.iter().filter_map(|set| key(set)).filter(|key| MODELS.contains(key)).find(unknown) {
         Some(moved) => bail!(
             "{}: its run.json has no checksum of {moved}, so that another place of it cannot be told from another model: \
              put the model back where it was",

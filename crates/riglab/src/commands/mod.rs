@@ -34,9 +34,6 @@ mod whose;
 
 use std::path::PathBuf;
 
-/// Settings that say where models lie which a run builds on: they may have been moved since.
-const MOVED: [&str; 2] = ["start.model", "skin.run"];
-
 /// Reads an argument that names a file to write: one that ends as a folder's name does would be refused after the work, and `-`
 /// would be a file of that name.
 fn file_to_write() -> impl clap::builder::TypedValueParser<Value = PathBuf> {

@@ -14,7 +14,7 @@ use riglab_task::bundle::{Bundle, RIG, SKIN, Stored};
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
 use riglab_task::grpo::{GrpoTask, GrpoTaskConfig};
 use riglab_task::released::Imported;
-use riglab_task::settings::{Settings, TaskSettings};
+use riglab_task::settings::{MODELS, Settings, TaskSettings};
 use riglab_task::tokenrig::{Card, Rigger, TokenRigTaskConfig};
 use riglab_task::unirig_skeleton::Sketcher;
 use riglab_task::unirig_skin::{SkinTaskConfig, Skinner};
@@ -22,7 +22,7 @@ use riglab_train::{Checkpoint, Spinner, StartConfig, TrainConfig, named_by};
 use tch::{Device, Kind};
 
 use super::earlier::{Written, keep_others};
-use super::{MOVED, place_to_write};
+use super::place_to_write;
 use riglab_report::counted;
 use riglab_report::shell::command;
 
@@ -128,7 +128,7 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     if let (None, Some(set)) = (run, args.sets.first()) {
         bail!("--set {set} is for runs' folders; a file has its settings");
     }
-    if let Some(set) = args.sets.iter().find(|set| !MOVED.iter().any(|key| set.trim_start().starts_with(key))) {
+    if let Some(set) = args.sets.iter().find(|set| !MODELS.iter().any(|key| set.trim_start().starts_with(key))) {
         bail!(
             "--set {set}: a model is exported as it was trained; only start.model and skin.run can be given, of models that were moved"
         );
