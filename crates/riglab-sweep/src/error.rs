@@ -41,7 +41,8 @@ pub enum SweepError {
     /// The folder belongs to another sweep.
     #[error(
         "{folder} holds another sweep: {difference}\n\nhint: arms and seeds can be added to it, and arms of which \
-         every job failed be changed, under the same name; go on with that one by `{again}`, or give this one a folder of its own with -o",
+         every job failed be changed, under the same name; go on with that one by `{again}`, or give this one a folder of \
+         its own with -o",
         again = command(["sweep", &folder.to_string_lossy()])
     )]
     Another {

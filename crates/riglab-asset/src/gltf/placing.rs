@@ -44,7 +44,8 @@ pub(super) struct Apart {
 impl Scene<'_, '_> {
     /// Places what hangs on the skeleton, or everything but what stands `apart` where there is none. The triangles of
     /// meshes that their nodes mirror are turned round, so that they face outwards as the format says (3.7.4 of glTF 2.0):
-    /// of skinned ones too, whose nodes move nothing else; and so are those that rest mirrors. What is not of the rig is given by its nodes.
+    /// of skinned ones too, whose nodes move nothing else; and so are those that rest mirrors. What is not of the rig is
+    /// given by its nodes.
     pub(super) fn place(
         &self,
         sources: Sources,

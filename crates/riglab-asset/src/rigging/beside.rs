@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 use std::collections::HashMap;
-use std::fs::File;
+use std::fs::{DirEntry, File};
 use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 
@@ -72,20 +72,25 @@ fn names(folder: &Path) -> HashMap<String, Option<PathBuf>> {
     // All, however many: in which order a folder tells them is chance.
     let entries = |of: &Path| {
         let found = std::fs::read_dir(of).into_iter().flatten().flatten();
-        let mut paths: Vec<PathBuf> = found.map(|entry| entry.path()).collect();
-        paths.sort_unstable();
-        paths
+        // What a folder tells with the name: to look at each of many is slow.
+        let is_folder = |entry: &DirEntry| {
+            let of_name = entry.file_type().ok().filter(|kind| !kind.is_symlink());
+            of_name.map_or_else(|| entry.path().is_dir(), |kind| kind.is_dir())
+        };
+        let mut all: Vec<(PathBuf, bool)> = found.map(|entry| (entry.path(), is_folder(&entry))).collect();
+        all.sort_unstable();
+        all
     };
     let called = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
-    let (folders, files): (Vec<PathBuf>, Vec<PathBuf>) = entries(folder).into_iter().partition(|path| path.is_dir());
+    let (folders, files): (Vec<_>, Vec<_>) = entries(folder).into_iter().partition(|(_, is_folder)| *is_folder);
     let mut names = HashMap::new();
     if folders.len() <= FOLDERS {
-        for path in folders.iter().filter(|path| !path.is_symlink()).flat_map(|path| entries(path)) {
+        for (path, _) in folders.iter().filter(|(path, _)| !path.is_symlink()).flat_map(|(path, _)| entries(path)) {
             names.entry(called(&path)).and_modify(|known| *known = None).or_insert(Some(path));
         }
     }
     // The first of several that differ in large and small letters.
-    names.extend(files.into_iter().rev().map(|path| (called(&path), Some(path))));
+    names.extend(files.into_iter().rev().map(|(path, _)| (called(&path), Some(path))));
     names
 }
 
