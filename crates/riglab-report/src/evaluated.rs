@@ -47,14 +47,14 @@ impl Checkpoints {
 }
 
 /// Whether a run's `eval.json` says what the run came to: it is of the best checkpoint, or of the last where none is the
-/// best, and with no settings but the run's. One of a run whose checkpoints are gone, or that does not say its step, counts,
-/// as there is nothing to hold it against.
-pub fn speaks_for(run: &Path) -> bool {
+/// best, and with no settings but the run's and these (`KEY=VALUE`). One of a run whose checkpoints are gone, or that does
+/// not say its step, counts, as there is nothing to hold it against.
+pub fn speaks_for(run: &Path, sets: &[String]) -> bool {
     let Some(Evaluation { checkpoint, set, .. }) = read(run) else { return false };
     let now = Checkpoints::of(run);
     let step = checkpoint.and_then(|of| of.step);
     let same = step.zip(now.best.or(now.last)).is_none_or(|(of, now)| of == now);
-    same && set.is_empty()
+    same && set == sets
 }
 
 /// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's and where its corpora are
@@ -84,14 +84,14 @@ mod tests {
         let run = dir.path();
         let evaluated = |text: &str| {
             std::fs::write(run.join("eval.json"), text).unwrap();
-            speaks_for(run)
+            speaks_for(run, &[])
         };
         let checkpoint = |name: &str, step: u64| {
             let folder = run.join("checkpoints").join(name);
             std::fs::create_dir_all(&folder).unwrap();
             std::fs::write(folder.join("state.json"), format!("{{\"task\": \"t\", \"step\": {step}}}")).unwrap();
         };
-        assert!(!speaks_for(run) && !evaluated("{\"checkpoint\": {"), "there is none");
+        assert!(!speaks_for(run, &[]) && !evaluated("{\"checkpoint\": {"), "there is none");
         let of = |step: u64, more: &str| format!("{{{more}\"checkpoint\": {{\"step\": {step}, \"best\": null}}}}");
         assert!(evaluated(&of(5, "")), "nothing to hold it against");
         checkpoint("last", 8);
@@ -100,6 +100,7 @@ mod tests {
         assert!(evaluated(&of(5, "")) && !evaluated(&of(8, "")));
         assert!(chose_for(run, 8) && !chose_for(run, 5));
         assert!(!evaluated(&of(5, "\"set\": [\"eval.prefixes=[2]\"], ")) && !chose_for(run, 5));
+        assert!(speaks_for(run, &["eval.prefixes=[2]".into()]) && !speaks_for(run, &["eval.prefixes=[4]".into()]));
         // Corpora that were moved are the same, others are not.
         std::fs::write(run.join("run.json"), r#"{"data": [["old/a.h5", "sum", 3]]}"#).unwrap();
         let on = |sum: &str| {

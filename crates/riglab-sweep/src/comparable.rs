@@ -1,22 +1,39 @@
-//! Columns that are other quantities at each point, such as a total of rewards under other weights: they are shown, but
-//! neither ranked nor tested.
+//! Columns that are other quantities at each point, such as a total of rewards under other weights, or of other assets: they
+//! are shown, but neither ranked nor tested.
 
+use crate::values::EVALUATION;
 use crate::{MetricOf, Results};
+
+/// Why a column of other assets is none to rank by.
+const OTHER: &str = "runs of other corpora";
 
 impl Results {
     /// These columns, each with the settings that make it so.
     pub(crate) fn not_comparable(&self) -> Option<String> {
-        let own = |m: &MetricOf| Some(format!("{} ({})", m.head(), self.losses.apart_in(&m.of)?));
-        let own: Vec<String> = match self.mixed() {
-            Some(_) => vec!["runs of other corpora".into()],
-            None => self.metrics.iter().filter_map(own).collect(),
+        let of = |m: &MetricOf| match self.is_mixed(&m.of) {
+            true => Some(OTHER.into()),
+            false => self.losses.apart_in(&m.of),
         };
+        let reasons: Vec<Option<String>> = self.metrics.iter().map(of).collect();
+        if !reasons.is_empty() && reasons.iter().all(|reason| reason.as_deref() == Some(OTHER)) {
+            return Some(OTHER.into());
+        }
+        let own = self.metrics.iter().zip(reasons);
+        let own: Vec<String> = own.filter_map(|(m, reason)| Some(format!("{} ({})", m.head(), reason?))).collect();
         (!own.is_empty()).then(|| own.join(", "))
+    }
+
+    /// Whether a number is not of the same assets in all runs: one of their evaluations by what these looked at, else by what
+    /// they learned from, to which their validation belongs.
+    fn is_mixed(&self, of: &str) -> bool {
+        let groups = if of.starts_with(EVALUATION) { self.evaluation_groups() } else { self.training_groups() };
+        groups.is_some()
     }
 
     /// Whether points may be ranked and tested by a column.
     pub(crate) fn comparable(&self, column: usize) -> bool {
-        self.losses.apart_in(&self.metrics[column].of).is_none() && self.mixed().is_none()
+        let of = &self.metrics[column].of;
+        self.losses.apart_in(of).is_none() && !self.is_mixed(of)
     }
 }
 
@@ -24,12 +41,14 @@ impl Results {
 mod tests {
     use crate::{Plan, Results};
 
-    /// Two points of three seeds, whose rewards have a weight each; the second is better by far.
+    /// Two points of three seeds, whose rewards have a weight each; the second is better by far. `corpora`: what each learned
+    /// from; all are evaluated on `t`.
     fn results(weights: [f64; 2], corpora: [&str; 2]) -> Results {
         let dir = tempfile::tempdir().unwrap();
-        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2, 3]\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
+        let text = "[sweep]\nbase = 'b'\nseeds = [1, 2, 3]\nevaluate = true\n[[sweep.arms]]\nname = 'a'\n[[sweep.arms]]\nname = 'b'\n\
                     [[sweep.metrics]]\nof = 'eval/reward@val'\nname = 'reward'\nbetter = 'higher'\n\
-                    [[sweep.metrics]]\nof = 'eval/motion@val'\nname = 'motion'\nbetter = 'higher'\n";
+                    [[sweep.metrics]]\nof = 'eval/motion@val'\nname = 'motion'\nbetter = 'higher'\n\
+                    [[sweep.metrics]]\nof = 'eval.json:iou'\nname = 'IoU'\nbetter = 'higher'\n";
         let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
         let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
         for (k, job) in plan.jobs.iter().enumerate() {
@@ -43,6 +62,8 @@ mod tests {
             std::fs::write(run.join("config.toml"), config).unwrap();
             let info = format!("{{\"outcome\": \"finished\", \"data\": [[\"c.h5\", \"{}\", 12]]}}", corpora[point]);
             std::fs::write(run.join("run.json"), info).unwrap();
+            let evaluation = format!("{{\"iou\": {worth}, \"data\": [[\"t.h5\", \"t\", 12, 3]]}}");
+            std::fs::write(run.join("eval.json"), evaluation).unwrap();
         }
         Results::read(dir.path(), &plan)
     }
@@ -53,13 +74,13 @@ mod tests {
             let results = results(weights, ["a", "a"]);
             let (table, apart) = (results.table(), results.differences().unwrap());
             let tested: Vec<String> = apart.rows.iter().map(|row| row[0].text.clone()).collect();
-            ([3, 4].map(|column| table.rows[1][column].strong), tested, table.note, apart.note)
+            ([3, 4, 5].map(|column| table.rows[1][column].strong), tested, table.note, apart.note)
         };
         let (strong, tested, note, of_tests) = of([5.0, 5.0]);
-        assert_eq!((strong, tested), ([true, true], vec!["reward".to_owned(), "motion".into()]));
+        assert_eq!((strong, tested), ([true; 3], ["reward", "motion", "IoU"].map(String::from).to_vec()));
         assert!(!(note + &of_tests).contains("comparable"));
         let (strong, tested, note, of_tests) = of([5.0, 1.0]);
-        assert_eq!((strong, tested), ([false, true], vec!["motion".to_owned()]));
+        assert_eq!((strong, tested), ([false, true, true], ["motion", "IoU"].map(String::from).to_vec()));
         for note in [note, of_tests] {
             assert!(note.contains("not comparable between points: reward (reward.weights)."), "{note}");
         }
@@ -67,7 +88,17 @@ mod tests {
 
     #[test]
     fn what_was_measured_on_other_assets_is_neither_ranked_nor_tested() {
-        let results = results([5.0, 5.0], ["a", "b"]);
+        let mut results = results([5.0, 5.0], ["a", "b"]);
+        // Validation belongs to what was learned from; the evaluations are all of the same.
+        let (table, apart) = (results.table(), results.differences().unwrap());
+        assert_eq!([3, 4, 5].map(|column| table.rows[1][column].strong), [false, false, true]);
+        assert_eq!(apart.rows.iter().map(|row| row[0].text.as_str()).collect::<Vec<_>>(), ["IoU"]);
+        let said = "between points: reward (runs of other corpora), motion (runs of other corpora).";
+        assert!(table.note.contains(said) && apart.note.contains(said), "{}", table.note);
+        assert!(table.note.contains("Not all runs learned from the same corpora: `a`, seed 1 and 2 more of c.h5 (a)"));
+        for numbers in &mut results.numbers[..3] {
+            numbers.evaluated_on = [("other.h5".to_owned(), "o".to_owned())].into();
+        }
         let table = results.table();
         assert!(table.rows.iter().flatten().all(|cell| !cell.strong) && results.differences().is_none());
         assert!(table.note.contains("not comparable between points: runs of other corpora"), "{}", table.note);

@@ -12,11 +12,20 @@ use crate::{Job, Plan, Results, State, SweepError, attempts};
 /// Corpora by path and checksum.
 pub(crate) type Corpora = BTreeSet<(String, String)>;
 
-/// What a run was trained and evaluated on, by its `run.json` and its `eval.json`.
-pub(crate) fn corpora(info: &Value, evaluation: &Value) -> Corpora {
+/// What a run was trained on, by its `run.json`.
+pub(crate) fn trained_on(info: &Value) -> Corpora {
+    listed(info, |_| true)
+}
+
+/// What a run was evaluated on, by its `eval.json`: the corpora that have assets of it, as far as it says how many.
+pub(crate) fn looked_at(evaluation: &Value) -> Corpora {
+    listed(evaluation, |corpus| corpus[3] != 0)
+}
+
+fn listed(of: &Value, counts: impl Fn(&&Value) -> bool) -> Corpora {
     let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
-    let both = [&info["data"], &evaluation["data"]];
-    both.into_iter().filter_map(Value::as_array).flatten().map(|d| (word(&d[0]), word(&d[1]))).collect()
+    let all = of["data"].as_array().into_iter().flatten();
+    all.filter(counts).map(|d| (word(&d[0]), word(&d[1]))).collect()
 }
 
 impl Plan {
@@ -36,7 +45,8 @@ impl Plan {
         // Of one that failed nothing is in the table.
         for job in self.jobs.iter().filter(|job| !matches!(State::of(folder, self, job, &failed), State::Failed(_))) {
             let run = folder.join(&job.folder);
-            for (path, sum) in corpora(&info(&run), &evaluation(&run).unwrap_or_default()) {
+            let evaluated = listed(&evaluation(&run).unwrap_or_default(), |_| true);
+            for (path, sum) in trained_on(&info(&run)).into_iter().chain(evaluated) {
                 before.entry(path).or_insert((sum, job));
             }
         }
@@ -55,11 +65,34 @@ impl Plan {
 }
 
 impl Results {
-    /// A sentence where the finished runs are not all of the same corpora, which they are by their checksums.
-    pub fn mixed(&self) -> Option<String> {
+    /// Sentences where the finished runs did not all learn from the same corpora, or were not all evaluated on the same ones,
+    /// which they are by their checksums.
+    pub fn mixed(&self) -> Vec<String> {
+        let said = |what: &str, groups: String| format!("not all runs {what} the same corpora: {groups}");
+        match (self.training_groups(), self.evaluation_groups()) {
+            (Some(trained), Some(evaluated)) if trained == evaluated => vec![said("are of", trained)],
+            (trained, evaluated) => {
+                let trained = trained.map(|groups| said("learned from", groups));
+                trained.into_iter().chain(evaluated.map(|groups| said("were evaluated on", groups))).collect()
+            }
+        }
+    }
+
+    /// The runs by what they learned from, where that is not the same for all.
+    pub fn training_groups(&self) -> Option<String> {
+        self.groups(self.numbers.iter().map(|numbers| &numbers.trained_on))
+    }
+
+    /// The runs by what they were evaluated on, where that is not the same for all.
+    pub fn evaluation_groups(&self) -> Option<String> {
+        self.groups(self.numbers.iter().map(|numbers| &numbers.evaluated_on))
+    }
+
+    /// The runs by corpora, where these are not the same for all. `of`: each job's, none where it does not say.
+    fn groups<'a>(&'a self, of: impl Iterator<Item = &'a Corpora>) -> Option<String> {
         let mut groups: Vec<(BTreeSet<&String>, usize, &Corpora, &Job)> = Vec::new();
         // Old runs may not say it.
-        let known = self.plan.jobs.iter().zip(self.numbers.iter().map(|n| &n.corpora));
+        let known = self.plan.jobs.iter().zip(of);
         let known = known.filter(|(_, corpora)| !corpora.is_empty());
         for (job, corpora) in known {
             let sums: BTreeSet<&String> = corpora.iter().map(|(_, sum)| sum).collect();
@@ -74,7 +107,7 @@ impl Results {
             format!("{}{more} of {}", job.shown(), corpora.join(", "))
         };
         let groups: Vec<String> = groups.iter().map(of).collect();
-        (groups.len() > 1).then(|| format!("not all runs are of the same corpora: {}", groups.join("; ")))
+        (groups.len() > 1).then(|| groups.join("; "))
     }
 }
 
@@ -127,14 +160,14 @@ mod tests {
         evaluated(1, "aaaabbbbccccdddd");
         let said = check("eeeeffff0000", false).unwrap_err().to_string();
         assert!(said.contains("and `base`, seed 2 would read it with eeeeffff0000"), "{said}");
-        assert_eq!(mixed(), None);
+        assert!(mixed().is_empty());
         for seed in [2, 3] {
             trained(seed, "eeeeffff0000", "finished");
             evaluated(seed, "eeeeffff0000");
         }
         check("1111", false).unwrap();
         assert!(check("1111", true).unwrap_err().to_string().contains("and `base`, seed 4 would read it with 1111"));
-        let said = mixed().unwrap();
+        let said = mixed().remove(0);
         let wanted = "not all runs are of the same corpora: `base`, seed 1 of c.h5 (aaaabbbbcccc); `base`, seed 2 and 1 \
                       more of c.h5 (eeeeffff0000)";
         assert_eq!(said, wanted);
@@ -144,8 +177,19 @@ mod tests {
             "{}",
             results.table().note
         );
-        // Trained on one and evaluated on another is neither.
+        // What was evaluated on the same is another matter than what learned from the same.
         evaluated(3, "aaaabbbbccccdddd");
-        assert!(mixed().unwrap().ends_with("seed 3 of c.h5 (aaaabbbbcccc), c.h5 (eeeeffff0000)"));
+        let [trained, tested] = &mixed()[..] else { panic!("{:?}", mixed()) };
+        assert!(trained.starts_with("not all runs learned from the same corpora: `base`, seed 1 of"), "{trained}");
+        assert!(trained.contains("; `base`, seed 2 and 1 more of"), "{trained}");
+        let wanted = "not all runs were evaluated on the same corpora: `base`, seed 1 and 1 more of c.h5 (aaaabbbbcccc); \
+                      `base`, seed 2 of c.h5 (eeeeffff0000)";
+        assert_eq!(tested, wanted);
+        evaluated(2, "aaaabbbbccccdddd");
+        assert_eq!(mixed(), [trained.clone()]);
+        // A corpus without a test asset is none of the evaluation's.
+        let path = dir.path().join(&plan.jobs[2].folder).join("eval.json");
+        std::fs::write(path, r#"{"data": [["c.h5", "aaaabbbbccccdddd", 12, 3], ["d.h5", "99", 7, 0]]}"#).unwrap();
+        assert_eq!(mixed(), [trained.clone()]);
     }
 }

@@ -12,6 +12,8 @@ use toml::Value;
 /// question = "Does the Dice loss raise IoU?"
 /// base = "quickstart/fsq_cvae.toml"
 /// seeds = [0, 1, 2]
+/// evaluate = true
+/// evaluate_with = { "data.corpora" = ["rigs.h5"] }
 /// set = { "train.steps" = 400 }
 ///
 /// [[sweep.arms]]
@@ -54,6 +56,10 @@ pub struct SweepFile {
     /// Whether runs are evaluated on their test splits once they are trained.
     #[serde(default)]
     pub evaluate: bool,
+    /// What evaluations have otherwise than the runs, as `riglab eval --set` takes it: corpora whose test splits all runs are
+    /// measured on, whatever they learned from; more samples.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub evaluate_with: BTreeMap<String, Value>,
     /// Threads of a job; 0 takes the processors over the jobs that run at a time.
     #[serde(default)]
     pub threads: usize,
@@ -138,6 +144,11 @@ pub struct FigureOf {
 }
 
 impl SweepFile {
+    /// The `--set` of `riglab eval` for every run.
+    pub fn evaluation_sets(&self) -> Vec<String> {
+        changes(&self.evaluate_with)
+    }
+
     /// The first of `sets` that is of a key in which points or seeds differ, and that key.
     pub(crate) fn overridden<'a>(&self, sets: &'a [String]) -> Option<(&'a str, String)> {
         let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
@@ -164,7 +175,8 @@ impl SweepFile {
         let figures = self.figures.iter().enumerate();
         let places = figures.map(|(k, f)| (format!("figures[{k}].at"), f.at.iter().copied().find(|x| !x.is_finite())));
         let own = [("memory_gb".to_owned(), Some(self.memory_gb).filter(|x| !x.is_finite()))].into_iter();
-        let own = own.chain(one("set", &self.set)).chain(all("product", &self.product)).chain(all("zip", &self.zip));
+        let own = own.chain(one("set", &self.set)).chain(one("evaluate_with", &self.evaluate_with));
+        let own = own.chain(all("product", &self.product)).chain(all("zip", &self.zip));
         let own = own.chain(arms.flat_map(|(k, arm)| one(&format!("arms[{k}].set"), &arm.set))).chain(places);
         own.filter_map(|(key, number)| Some((key, number?))).next()
     }
@@ -200,6 +212,14 @@ impl SweepFile {
     }
 }
 
+/// Changes as `--set` takes them.
+pub(crate) fn changes(set: &BTreeMap<String, Value>) -> Vec<String> {
+    let mut all: Vec<(&String, &Value)> = set.iter().collect();
+    // A table is chosen before what is set in it, which would be lost otherwise.
+    all.sort_by_key(|(key, _)| key.strip_suffix(CHOICE).and_then(|t| t.strip_suffix('.')).unwrap_or(key));
+    all.into_iter().map(|(key, value)| format!("{key}={value}")).collect()
+}
+
 /// Whether two keys are the same, or one is within the other: what is no table takes the place of a whole one.
 fn same(one: &str, other: &str) -> bool {
     let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
@@ -207,7 +227,7 @@ fn same(one: &str, other: &str) -> bool {
 }
 
 /// The key by which a table says that it is chosen anew.
-pub(crate) const CHOICE: &str = "extends";
+const CHOICE: &str = "extends";
 
 /// The keys that `KEY=VALUE` gives values: those of a table one by one, as tables are merged.
 fn leaves(set: &str) -> Vec<String> {

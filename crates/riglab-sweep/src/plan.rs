@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use crate::file::{CHOICE, alike, unsaid};
+use crate::file::{alike, changes, unsaid};
 use crate::values::fault;
 use crate::{SweepError, SweepFile};
 
@@ -61,6 +61,10 @@ impl Plan {
         }
         if sweep.memory_gb < 0.0 {
             return at("memory_gb".into(), format!("{}; give gigabytes, or 0 where it is not known", sweep.memory_gb));
+        }
+        if !sweep.evaluate_with.is_empty() && !sweep.evaluate {
+            let message = "it says how runs are evaluated, and none is: add `evaluate = true`".into();
+            return at("evaluate_with".into(), message);
         }
         let different: BTreeSet<u64> = sweep.seeds.iter().copied().collect();
         if different.len() != sweep.seeds.len() {
@@ -135,13 +139,7 @@ impl Plan {
 
     /// The points in order, without seeds.
     fn points(&self) -> Vec<Point> {
-        let all = |set: &BTreeMap<String, Value>| {
-            let mut all: Vec<(&String, &Value)> = set.iter().collect();
-            // A table is chosen before what is set in it, which would be lost otherwise.
-            all.sort_by_key(|(key, _)| key.strip_suffix(CHOICE).and_then(|t| t.strip_suffix('.')).unwrap_or(key));
-            all.into_iter().map(|(key, value)| format!("{key}={value}")).collect::<Vec<String>>()
-        };
-        let common = all(&self.sweep.set);
+        let common = changes(&self.sweep.set);
         let mut points: Vec<Point> = Vec::new();
         let nothing = [crate::Arm { name: String::new(), base: None, set: Default::default() }];
         let arms = if self.sweep.arms.is_empty() { &nothing[..] } else { &self.sweep.arms };
@@ -149,7 +147,7 @@ impl Plan {
             points.push(Point {
                 name: arm.name.clone(),
                 base: arm.base.clone().unwrap_or_else(|| self.sweep.base.clone()),
-                sets: [common.clone(), all(&arm.set)].concat(),
+                sets: [common.clone(), changes(&arm.set)].concat(),
             });
         }
         for (key, values) in &self.sweep.product {

@@ -45,7 +45,7 @@ impl State {
     pub fn of(folder: &Path, plan: &Plan, job: &Job, attempts: &[Attempt]) -> Self {
         let run = folder.join(&job.folder);
         let finished = info(&run)["outcome"] == "finished";
-        if finished && (!plan.sweep.evaluate || speaks_for(&run)) {
+        if finished && (!plan.sweep.evaluate || speaks_for(&run, &plan.sweep.evaluation_sets())) {
             return Self::Finished;
         }
         if is_held(&run) {

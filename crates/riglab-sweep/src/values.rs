@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use crate::companions::{Companions, companions};
-use crate::corpora::{Corpora, corpora};
+use crate::corpora::{Corpora, looked_at, trained_on};
 use crate::state::info;
 
 /// What stands before a path into a run's evaluation.
@@ -19,8 +19,10 @@ pub(crate) struct Numbers {
     pub last: BTreeMap<String, f64>,
     /// Of its evaluation what was asked for, by [`crate::MetricOf::of`].
     evaluated: BTreeMap<String, f64>,
-    /// What it was trained and evaluated on.
-    pub corpora: Corpora,
+    /// What it was trained on.
+    pub trained_on: Corpora,
+    /// What its evaluation looked at.
+    pub evaluated_on: Corpora,
     /// The networks that it had beside its own.
     pub companions: Companions,
     /// Whether its evaluation is of a checkpoint though none was the run's best.
@@ -35,8 +37,8 @@ impl Numbers {
         let evaluated = asked.iter().filter_map(found).collect();
         let without_best = evaluation.pointer("/checkpoint/best").is_some_and(Value::is_null);
         let info = info(run);
-        let (corpora, companions) = (corpora(&info, &evaluation), companions(run, &info));
-        Self { last: last(run), evaluated, corpora, companions, without_best }
+        let (trained_on, evaluated_on) = (trained_on(&info), looked_at(&evaluation));
+        Self { last: last(run), evaluated, trained_on, evaluated_on, companions: companions(run, &info), without_best }
     }
 
     /// The number that [`crate::MetricOf::of`] names; `None` where there is none.

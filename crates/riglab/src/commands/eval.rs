@@ -81,13 +81,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let name = args.checkpoint.as_ref().unwrap_or(&named);
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
     let config = read(&with_its_cut((&run, &checkpoint), sets, &read)?)?;
-    trained_so(&read(&[])?, &config)?;
-    let config = config.of_run(&run);
-    ensure!(
-        !config.data().test.is_empty(),
-        "data.test names no split to evaluate; give one: --set data.test='[\"test_new\"]'"
-    );
     let own = read(&[])?;
+    fits(&own, &config)?;
+    let config = config.of_run(&run);
     if config.data().corpora == own.data().corpora {
         reached(&run, config.data(), |corpora| {
             let list: Vec<String> = corpora.iter().map(|path| shown(path)).collect();
@@ -139,8 +135,18 @@ fn trained_on(config: &TaskConfig, own: &TaskConfig) -> Result<Vec<String>> {
     Ok(all)
 }
 
+/// Refuses settings that no evaluation of a run can have.
+pub fn fits(own: &TaskConfig, config: &TaskConfig) -> Result<()> {
+    trained_so(own, config)?;
+    ensure!(
+        !config.data().test.is_empty(),
+        "data.test names no split to evaluate; give one: --set data.test='[\"test_new\"]'"
+    );
+    Ok(())
+}
+
 /// Settings with those that follow: weights of the training's corpora say nothing of others.
-fn with_their_weights(sets: &[String]) -> Vec<String> {
+pub fn with_their_weights(sets: &[String]) -> Vec<String> {
     let mut all = sets.to_vec();
     if sets_key(sets, "data.corpora") && !sets_key(sets, "data.weights") {
         all.push("data.weights=[]".into());

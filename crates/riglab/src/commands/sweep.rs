@@ -20,6 +20,7 @@ use riglab_task::seen::models;
 use riglab_train::{Interrupt, Progress, RunInfo, without_best};
 
 use super::charts::{charts, no_file, spare};
+use super::eval::{fits, with_their_weights};
 use super::report::write;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
 use super::slurm::{Desk, On, apart, settings};
@@ -209,8 +210,9 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     );
     plan.jobs.iter().try_for_each(|job| settled::settle(&folder, &plan, job))?;
     let own = std::env::current_exe().context("the program does not know its own file")?;
+    let evaluation = plan.sweep.evaluation_sets();
     let start = |job: &Job, stage: Stage, run: &Path| {
-        process(Command::new(&own), [budget.threads, most], &plan.config(&folder, job), stage, run)
+        process(Command::new(&own), [budget.threads, most], &plan.config(&folder, job), (stage, &evaluation), run)
     };
     let interrupt = Interrupt::listening();
     let mut progress = Progress::new("sweeping", total, 0);
@@ -262,19 +264,55 @@ fn tell_alike(plan: &Plan, folder: &Path) -> Result<()> {
 fn missing(plan: &Plan, folder: &Path, anew: &[String]) -> Result<BTreeSet<String>> {
     let mut missing = BTreeSet::new();
     for job in &plan.jobs {
-        let corpora = job_settings(plan, (folder, anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        let corpora = corpora_of(plan, (folder, anew), job).map_err(|e| unsound(job, &e))?;
         missing.extend(corpora.iter().filter(|path| !path.exists()).map(|path| path.display().to_string()));
     }
     Ok(missing)
 }
 
 /// The settings that a job is or will be trained with. `anew`: jobs whose settings in the folder are no longer theirs.
-fn job_settings(plan: &Plan, (folder, anew): (&Path, &[String]), job: &Job) -> Result<TaskConfig> {
+fn job_settings(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<TaskConfig> {
+    job_settings_with(plan, place, job, &[])
+}
+
+/// The settings that a job is evaluated with, where they are not those of its training.
+///
+/// # Errors
+/// Where no evaluation can have them.
+fn evaluation_settings(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Option<TaskConfig>> {
+    let sets = plan.sweep.evaluation_sets();
+    if sets.is_empty() {
+        return Ok(None);
+    }
+    let read = || {
+        let config = job_settings_with(plan, place, job, &with_their_weights(&sets))?;
+        fits(&job_settings(plan, place, job)?, &config)?;
+        Ok::<_, anyhow::Error>(config)
+    };
+    read().map(Some).context("sweep.evaluate_with")
+}
+
+fn job_settings_with(
+    plan: &Plan,
+    (folder, anew): (&Path, &[String]),
+    job: &Job,
+    more: &[String],
+) -> Result<TaskConfig> {
     let own = plan.config(folder, job);
     match own.is_file() && !anew.contains(&job.shown()) {
-        true => settings_of(&own.to_string_lossy(), &[]),
-        false => settings_of(&job.base, &job.sets),
+        true => settings_of(&own.to_string_lossy(), more),
+        false => settings_of(&job.base, &[&job.sets, more].concat()),
     }
+}
+
+/// The corpora that a job reads, in training and in its evaluation.
+fn corpora_of(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Vec<PathBuf>> {
+    let mut corpora = job_settings(plan, place, job)?.data().corpora.clone();
+    if let Some(config) = evaluation_settings(plan, place, job)? {
+        let more = config.data().corpora.iter().filter(|path| !corpora.contains(path)).cloned();
+        corpora.extend(more.collect::<Vec<_>>());
+    }
+    Ok(corpora)
 }
 
 /// What refuses jobs before anything is written: another sweep's folder, where the plan is of a file, files that are not
@@ -291,6 +329,8 @@ fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
                     job.shown()
                 );
             }
+            // Now, not after hours of training.
+            evaluation_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?;
         }
     }
     let mut sums = BTreeMap::new();
@@ -298,7 +338,7 @@ fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
     let again = |job: &Job| args.retry || anew.contains(&job.shown());
     within_reach(plan, (folder, &anew), &plan.left(folder, again), args)?;
     plan.same_corpora(folder, again, |job| {
-        let paths = job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.clone();
+        let paths = corpora_of(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?;
         // Of one that cannot be opened its jobs tell.
         let sum = |path: PathBuf| {
             let open = || Corpus::open(&path).ok()?.checksum().ok();
@@ -325,7 +365,10 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
     for job in left.iter().filter(|_| known && begun.folder != here) {
         // Of settings that cannot be read the job tells.
         let Ok(config) = job_settings(plan, place, job) else { continue };
-        let paths = files_of(&config)?;
+        let mut paths = files_of(&config)?;
+        if let Ok(Some(evaluation)) = evaluation_settings(plan, place, job) {
+            paths.extend(files_of(&evaluation)?);
+        }
         let Some(path) = begun.lost(&paths) else { continue };
         let named = args.sweep.as_deref().unwrap_or_default();
         let named = if Path::new(named).exists() { whole(Path::new(named)) } else { named.to_owned() };
@@ -368,8 +411,14 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     if !absent.is_empty() {
         tell!("correct the sweep's file and give it again: what is trained stays, and the table is written anew");
     }
-    if let Some(sentence) = results.mixed() {
+    for sentence in results.mixed() {
         tell!("warning: {sentence}; what differs may be the corpora's doing");
+    }
+    if plan.sweep.evaluate && results.evaluation_groups().is_some() {
+        tell!(
+            "to measure all on the same assets: `evaluate_with = {{ \"data.corpora\" = [\"FILE\"] }}` in the sweep's file, which \
+             evaluates again and trains nothing anew"
+        );
     }
     for sentence in results.retrained() {
         tell!("warning: {sentence}; what differs may be their doing");
@@ -483,8 +532,14 @@ pub fn threads_of(run: &Path, [threads, most]: [usize; 2]) -> usize {
 }
 
 /// What runs a stage of a job: `riglab`, however it is started, with its arguments. A training that goes on takes the threads
-/// that it was begun with, where these are `most` at most.
-pub fn process(riglab: Command, [threads, most]: [usize; 2], config: &Path, stage: Stage, run: &Path) -> Command {
+/// that it was begun with, where these are `most` at most; an evaluation has the settings `evaluation` besides the run's.
+pub fn process(
+    riglab: Command,
+    [threads, most]: [usize; 2],
+    config: &Path,
+    (stage, evaluation): (Stage, &[String]),
+    run: &Path,
+) -> Command {
     let mut command = riglab;
     let threads = if stage == Stage::Resume { threads_of(run, [threads, most]) } else { threads };
     command.arg("--threads").arg(threads.to_string());
@@ -495,6 +550,9 @@ pub fn process(riglab: Command, [threads, most]: [usize; 2], config: &Path, stag
         Stage::Evaluate if without_best(run) => command.arg("eval").arg(run).args(["--checkpoint", "last"]),
         Stage::Evaluate => command.arg("eval").arg(run),
     };
+    if stage == Stage::Evaluate {
+        command.args(evaluation.iter().flat_map(|set| ["--set", set]));
+    }
     command
 }
 
@@ -578,7 +636,8 @@ mod tests {
     fn a_run_without_a_best_is_evaluated_at_its_last_step() {
         let run = tempfile::tempdir().unwrap();
         let asked = || {
-            let command = process(Command::new("riglab"), [1, 0], Path::new("c.toml"), Stage::Evaluate, run.path());
+            let command =
+                process(Command::new("riglab"), [1, 0], Path::new("c.toml"), (Stage::Evaluate, &[]), run.path());
             command.get_args().skip(3).map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ")
         };
         let (last, best) = (run.path().join("checkpoints/last"), run.path().join("checkpoints/best"));
@@ -592,7 +651,8 @@ mod tests {
     fn a_run_that_goes_on_keeps_its_threads() {
         let dir = tempfile::tempdir().unwrap();
         let of = |most, stage| {
-            let command = process(Command::new("riglab"), [4, most], Path::new("c.toml"), stage, dir.path());
+            let sets = ["eval.a=1".into(), "data.b=2".into()];
+            let command = process(Command::new("riglab"), [4, most], Path::new("c.toml"), (stage, &sets), dir.path());
             let all = command.get_args().map(|a| a.to_string_lossy().into_owned()).collect::<Vec<_>>().join(" ");
             all.replace(&shown(dir.path()), "RUN")
         };
@@ -603,7 +663,7 @@ mod tests {
         assert_eq!(of(4, Stage::Resume), "--threads 2 train --resume RUN");
         assert_eq!([0, 1].map(|most| of(most, Stage::Resume)), ["--threads 4 train --resume RUN"; 2]);
         assert_eq!(of(4, Stage::Train), "--threads 4 train c.toml --run RUN");
-        assert!(of(4, Stage::Evaluate).starts_with("--threads 4 eval RUN"));
+        assert_eq!(of(4, Stage::Evaluate), "--threads 4 eval RUN --set eval.a=1 --set data.b=2");
     }
 
     #[test]

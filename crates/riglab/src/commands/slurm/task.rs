@@ -99,10 +99,11 @@ fn sweep(task: &Task, desk: &Desk, folder: &Path, number: usize, threads: usize)
     let all = processors(&desk.config);
     let told = [threads, plan.sweep.threads].into_iter().find(|threads| *threads > 0);
     let of_job = [told.unwrap_or(all), if threads > 0 { 0 } else { all }];
+    let evaluation = plan.sweep.evaluation_sets();
     let command = |job: &Job, stage, run: &Path| {
         let trains = stage != Stage::Evaluate;
         let program = if trains { launched(&desk.config, &own) } else { Command::new(&own) };
-        process(program, of_job, &plan.config(folder, job), stage, run)
+        process(program, of_job, &plan.config(folder, job), (stage, &evaluation), run)
     };
     let interrupt = Interrupt::listening();
     let tell = |event: Event| match event {
