@@ -19,10 +19,17 @@ pub fn tell(text: Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{}", plain(text));
 }
 
-/// A text whose letters are all shown: names from files may hold sequences that a terminal would obey.
+/// A text whose letters are all shown: names from files may hold sequences that a terminal would obey. Lines that end as CSV
+/// asks for stay.
 pub fn plain(text: Arguments<'_>) -> String {
-    let shown = |c: char| if c.is_control() && !matches!(c, '\n' | '\t') { '\u{fffd}' } else { c };
-    text.to_string().chars().map(shown).collect()
+    let text = text.to_string();
+    let shown = |(at, c): (usize, char)| match c {
+        '\n' | '\t' => c,
+        '\r' if text[at + 1..].starts_with('\n') => c,
+        c if c.is_control() => '\u{fffd}',
+        c => c,
+    };
+    text.char_indices().map(shown).collect()
 }
 
 /// Progress of one job.
@@ -230,7 +237,8 @@ mod tests {
 
     #[test]
     fn no_name_in_a_line_moves_the_cursor() {
-        assert_eq!(plain(format_args!("a\x1b[2Jb\r\tc\nd")), "a\u{fffd}[2Jb\u{fffd}\tc\nd");
+        assert_eq!(plain(format_args!("a\x1b[2Jb\r\tc\nd\r")), "a\u{fffd}[2Jb\u{fffd}\tc\nd\u{fffd}");
+        assert_eq!(plain(format_args!("a,b\r\n1,2\r\n")), "a,b\r\n1,2\r\n", "lines of CSV");
     }
 
     #[test]

@@ -18,7 +18,12 @@ const NOBODY_READS: i32 = 141;
 
 /// Writes a line, or ends the process with a sentence.
 pub fn line(text: Arguments) {
-    if let Err(e) = writeln!(std::io::stdout().lock(), "{}", riglab_train::plain(text)) {
+    whole(format_args!("{text}\n"));
+}
+
+/// Writes what ends its last line itself, or ends the process with a sentence.
+pub fn whole(text: Arguments) {
+    if let Err(e) = write!(std::io::stdout().lock(), "{}", riglab_train::plain(text)) {
         // `riglab inspect FILE | head` ends quietly when `head` has enough. The signal would leave half-written files, and
         // would come for standard error, too, whose reader may go while the work goes on.
         if e.kind() == std::io::ErrorKind::BrokenPipe {

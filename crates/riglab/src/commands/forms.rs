@@ -101,7 +101,11 @@ impl Forms {
             say!("{}", path.display());
         }
         if files.is_empty() {
-            say!("{}", text(self.asked().unwrap_or(Form::Text))?.trim_end());
+            let text = text(self.asked().unwrap_or(Form::Text))?;
+            let content = text.trim_end();
+            // The last line as the others: those of CSV end in two signs.
+            let end = if text[content.len()..].starts_with("\r\n") { "\r\n" } else { "\n" };
+            crate::say::whole(format_args!("{content}{end}"));
         }
         Ok(())
     }
