@@ -214,10 +214,14 @@ impl SweepFile {
 
 /// Changes as `--set` takes them.
 pub(crate) fn changes(set: &BTreeMap<String, Value>) -> Vec<String> {
-    let mut all: Vec<(&String, &Value)> = set.iter().collect();
-    // A table is chosen before what is set in it, which would be lost otherwise.
+    in_order(set).into_iter().map(|(key, value)| format!("{key}={value}")).collect()
+}
+
+/// Keys in the order in which they are set: a table is chosen before what is set in it, which would be lost otherwise.
+pub(crate) fn in_order<T>(set: &BTreeMap<String, T>) -> Vec<(&String, &T)> {
+    let mut all: Vec<(&String, &T)> = set.iter().collect();
     all.sort_by_key(|(key, _)| key.strip_suffix(CHOICE).and_then(|t| t.strip_suffix('.')).unwrap_or(key));
-    all.into_iter().map(|(key, value)| format!("{key}={value}")).collect()
+    all
 }
 
 /// Whether two keys are the same, or one is within the other: what is no table takes the place of a whole one.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use toml::Value;
 
-use crate::file::{alike, changes, unsaid};
+use crate::file::{alike, changes, in_order, unsaid};
 use crate::values::fault;
 use crate::{SweepError, SweepFile};
 
@@ -150,11 +150,13 @@ impl Plan {
                 sets: [common.clone(), changes(&arm.set)].concat(),
             });
         }
-        for (key, values) in &self.sweep.product {
+        for (key, values) in in_order(&self.sweep.product) {
             points = points.iter().flat_map(|p| values.iter().map(|v| p.with(&[(key, v)]))).collect();
         }
         if let Some(rows) = self.sweep.zip.values().next().map(Vec::len) {
-            let row = |k: usize| self.sweep.zip.iter().map(|(key, values)| (key, &values[k])).collect::<Vec<_>>();
+            let row = |k: usize| {
+                in_order(&self.sweep.zip).into_iter().map(|(key, values)| (key, &values[k])).collect::<Vec<_>>()
+            };
             points = points.iter().flat_map(|p| (0..rows).map(|k| p.with(&row(k)))).collect();
         }
         for point in &mut points {
@@ -397,6 +399,11 @@ pub(crate) mod tests {
         let beside =
             "[sweep]\nbase = 'b'\nseeds = [1]\nset = { 'model.depth' = 3, 'model.extends' = 'm.toml', lr = 1 }\n";
         assert_eq!(choose(beside).unwrap().jobs[0].sets[..3], ["lr=1", "model.extends=\"m.toml\"", "model.depth=3"]);
+        for table in ["product", "zip"] {
+            let text = "'model.depth' = [3]\n'model.extends' = ['m.toml']\nlr = [1]\n";
+            let plan = choose(&format!("[sweep]\nbase = 'b'\nseeds = [1]\n[sweep.{table}]\n{text}")).unwrap();
+            assert_eq!(plan.jobs[0].sets[..3], ["lr=1", "model.extends=\"m.toml\"", "model.depth=3"], "{table}");
+        }
     }
 
     #[test]
