@@ -29,6 +29,9 @@ pub fn folder(variable: &str, default: &str) -> Option<PathBuf> {
 
 /// The golden cases of a folder whose names start with one of `kinds`; the longest fitting kind is
 /// the case's.
+///
+/// # Panics
+/// Where the folder has no case of a kind: a test would compare nothing.
 pub fn golden(sub: &str, kinds: &[&'static str]) -> Vec<(&'static str, Golden)> {
     let Some(dir) = folder("RIGLAB_GOLDEN", "golden").map(|d| d.join(sub)) else { return Vec::new() };
     let mut names: Vec<String> = std::fs::read_dir(&dir)
@@ -36,6 +39,9 @@ pub fn golden(sub: &str, kinds: &[&'static str]) -> Vec<(&'static str, Golden)> 
         .filter_map(|entry| entry.ok()?.path().file_name()?.to_str()?.strip_suffix(".safetensors").map(String::from))
         .collect();
     names.sort();
+    for kind in kinds {
+        assert!(names.iter().any(|name| name.starts_with(kind)), "{}: no case `{kind}`", dir.display());
+    }
     let kind = |name: &str| kinds.iter().filter(|k| name.starts_with(**k)).max_by_key(|k| k.len()).copied();
     names.iter().filter_map(|name| Some((kind(name)?, Golden::load(&dir, name)))).collect()
 }

@@ -86,14 +86,17 @@ impl Notes {
             return self.0.push(Kind { key, names, said, figure, differs: false });
         };
         if kind.names == [name] {
+            kind.figure = if figure > kind.figure { figure } else { kind.figure };
             return kind.said.push(said);
         }
         kind.said.truncate(1);
         kind.differs |= kind.said[0] != said;
+        let known = kind.names.iter().position(|known| known == name);
         if figure > kind.figure {
+            known.map(|at| kind.names.remove(at));
             kind.names.insert(0, name.to_owned());
             (kind.said, kind.figure) = (vec![said], figure);
-        } else if kind.names.last().is_none_or(|last| last != name) {
+        } else if known.is_none() {
             kind.names.push(name.to_owned());
         }
     }
@@ -171,6 +174,14 @@ mod tests {
         assert!(lines[2].starts_with("b.glb, a.glb, c.glb and") && lines[2].contains("40.0 %"), "{}", lines[2]);
         assert!(lines[3].starts_with(all) && lines[3].contains("image 0"), "{}", lines[3]);
         assert!(lines[3].ends_with("(of the first; the others alike)"), "{}", lines[3]);
+        // A file that is the worst twice, and one before a milder one.
+        let mut notes = Notes::default();
+        let beyond = |most| WriteNote::Beyond { half: 0.5, assets: 1, beyond: 1, most };
+        [("a", 1.5), ("a", 4.0), ("b", 3.0), ("c", 5.0), ("b", 2.0), ("a", 6.0)]
+            .iter()
+            .for_each(|(name, most)| notes.written(name, &beyond(*most)));
+        let lines = notes.lines();
+        assert!(lines.len() == 1 && lines[0].starts_with("a, c, b: ") && lines[0].contains("to 6"), "{lines:?}");
         // Of one file each is told.
         let mut notes = Notes::default();
         let picture = |image| ExportNote::PictureLeft { image, uri: format!("{image}.png"), outside: false };

@@ -307,7 +307,8 @@ fn next<'a>(out: &Path, splits: impl IntoIterator<Item = &'a String>) -> Option<
     let tests = || splits.iter().any(|split| split.starts_with("test"));
     match splits.contains("train") {
         true => Some(train_on(out)),
-        false => tests().then(|| command(["eval", "RUN", "--set", &as_corpora(out)])),
+        // Its figures beside those of the run's own corpora, not in their place.
+        false => tests().then(|| command(["eval", "RUN", "--set", &as_corpora(out), "--out", "FILE.json"])),
     }
 }
 
@@ -545,7 +546,10 @@ mod tests {
         };
         let train = r#"riglab train quickstart/fsq_cvae.toml --set 'data.corpora=["my rigs.h5"]'"#;
         assert_eq!(of(&["train", "test_new"]).unwrap(), train);
-        assert_eq!(of(&["test_new"]).unwrap(), r#"riglab eval RUN --set 'data.corpora=["my rigs.h5"]'"#);
+        assert_eq!(
+            of(&["test_new"]).unwrap(),
+            r#"riglab eval RUN --set 'data.corpora=["my rigs.h5"]' --out FILE.json"#
+        );
         assert_eq!([of(&["meshes"]), of(&[""])], [None, None]);
     }
 
