@@ -637,18 +637,20 @@ fn a_run_of_relative_paths_says_where_it_goes_on() {
     let config = config(&place, Path::new("c.h5"), "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 20\n");
     let run = place.join("run");
     assert!(riglab(&["train", text(&config), "--run", text(&run)]).current_dir(&place).status().unwrap().success());
-    for (command, wanted) in [(["train", "--resume"].as_slice(), "cd '"), (["eval"].as_slice(), "'data.corpora=[\"")] {
-        let said = refusal(riglab(&[command, &[text(&run)]].concat()).current_dir(temp.path()));
-        assert!(said.contains("corpus c.h5 is not below this folder"), "{said}");
-        let hint = said.split_once("hint: ").unwrap().1.trim();
-        assert!(hint.contains(wanted), "{hint}");
-        // As a reader pastes it.
-        let script = format!("riglab() {{ \"$0\" --threads 1 \"$@\"; }}\n{hint}");
-        let pasted =
-            Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_riglab")]).current_dir(temp.path()).output();
-        let pasted = pasted.unwrap();
-        assert!(pasted.status.success(), "{hint}: {}", String::from_utf8_lossy(&pasted.stderr));
-    }
+    let said = refusal(riglab(&["train", "--resume", text(&run), "--set", "train.steps=3"]).current_dir(temp.path()));
+    assert!(said.contains("corpus c.h5 is not below this folder"), "{said}");
+    let hint = said.split_once("hint: ").unwrap().1.trim();
+    assert!(hint.contains("cd '") && hint.ends_with(" --set 'train.steps=3'"), "{hint}");
+    // As a reader pastes it.
+    let script = format!("riglab() {{ \"$0\" --threads 1 \"$@\"; }}\n{hint}");
+    let pasted =
+        Command::new("sh").args(["-c", &script, env!("CARGO_BIN_EXE_riglab")]).current_dir(temp.path()).output();
+    let pasted = pasted.unwrap();
+    assert!(pasted.status.success(), "{hint}: {}", String::from_utf8_lossy(&pasted.stderr));
+    // An evaluation finds it by itself, and is that of the run.
+    assert!(riglab(&["eval", text(&run), "--pictures", "0"]).current_dir(temp.path()).status().unwrap().success());
+    let evaluation: serde_json::Value = serde_json::from_slice(&fs::read(run.join("eval.json")).unwrap()).unwrap();
+    assert!(evaluation.get("set").is_none() && evaluation["data"][0][0] == text(&place.join("c.h5")), "{evaluation}");
     // One whose corpus was replaced: not gone on with, and evaluated with a warning, unless others are asked for.
     let info = fs::read_to_string(run.join("run.json")).unwrap();
     let mut begun: serde_json::Value = serde_json::from_str(&info).unwrap();
@@ -702,6 +704,9 @@ fn results_are_written_over_results_alone() {
     for form in ["--csv", "--csv", "--json", "--markdown", "--latex", "--html", "--html"] {
         must(&compare(&out, form).each_ref().map(String::as_str));
     }
+    let shown = must(&["compare", text(&files), "--truth", text(&files), "--csv"]).stdout;
+    must(&compare(&out, "--csv").each_ref().map(String::as_str));
+    assert_eq!(shown, fs::read(&out).unwrap(), "on standard output as in a file");
     let out = temp.path().join("again.md");
     for _ in 0..2 {
         must(&["report", text(&run), "-o", text(&out)]);

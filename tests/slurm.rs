@@ -230,6 +230,22 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
         refusal(riglab(&args).env("PATH", &path))
     };
     let before = ["config.toml", "run.json"].map(|name| read(&run.join(name)));
+    // What could but fail in the queue is refused: a model that was exported, and a run whose paths start elsewhere.
+    let exported = dir.path().join("exported");
+    must(&["checkpoint", "export", text(&run), "-o", text(&dir.path().join("model.safetensors"))]);
+    must(&["checkpoint", "export", text(&dir.path().join("model.safetensors")), "-o", text(&exported)]);
+    let resume = |run: &Path, sets: &[&str]| {
+        let args = [&["train", "--resume", text(run), "--on", "slurm"], sets].concat();
+        refusal(riglab(&args).env("PATH", &path).current_dir(dir.path().parent().unwrap()))
+    };
+    let said = resume(&exported, &[]);
+    assert!(said.contains("of which no training goes on"), "{said}");
+    let relative = dir.path().join("relative");
+    let args = ["train", text(&base), "--run", text(&relative), "--set", "data.corpora=['corpus.h5']"];
+    assert!(riglab(&args).current_dir(dir.path()).status().unwrap().success());
+    let said = resume(&relative, &["--set", "train.steps=5"]);
+    let hint = said.split_once("hint: cd ").unwrap_or_else(|| panic!("{said}")).1.trim();
+    assert!(hint.ends_with("/relative --set 'train.steps=5' --on slurm"), "{said}");
     // The cluster does not want it.
     let said = extend("5");
     assert!(said.contains("Invalid account"), "{said}");

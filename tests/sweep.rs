@@ -222,6 +222,58 @@ fn an_arm_that_failed_is_corrected_and_the_rest_stays() {
 }
 
 #[test]
+fn runs_that_learn_from_different_corpora_are_evaluated_on_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let [many, few] = [("many", 12), ("few", 9)].map(|(name, count)| corpus(&dir.path().join(name), count));
+    let (file, out) = (dir.path().join("toy.toml"), dir.path().join("out"));
+    let more = "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n";
+    let base = config(dir.path(), &many, more);
+    let write = |evaluation: &str| {
+        let arm = |name: &str, corpus: &Path| {
+            format!("[[sweep.arms]]\nname = '{name}'\nset = {{ 'data.corpora' = ['{}'] }}\n", text(corpus))
+        };
+        let of = "eval.json:report.rows[split=test_new,method=raw,tokens=4].pooled.l1";
+        let metric = format!("[[sweep.metrics]]\nof = '{of}'\nname = 'L1'\nbetter = 'lower'\n");
+        let head = format!("[sweep]\nseeds = [0, 1]\nbase = '{}'\n{evaluation}\n", text(&base));
+        fs::write(&file, [head, arm("many", &many), arm("few", &few), metric].concat()).unwrap();
+    };
+    let args = ["sweep", text(&file), "-o", text(&out)];
+    let sweep = || String::from_utf8(must(&args).stderr).unwrap();
+    let mixed = "not comparable between points: runs of other corpora";
+    let run = |point: &str, name: &str| fs::read_to_string(out.join(format!("jobs/{point}/seed-1/{name}"))).unwrap();
+
+    // What no evaluation can have, and one that none is made with, are refused before anything runs.
+    for (evaluation, said) in [
+        ("evaluate_with = { 'eval.prefixes' = [4] }", "add `evaluate = true`"),
+        ("evaluate = true\nevaluate_with = { 'train.steps' = 3 }", "an evaluation cannot change"),
+        ("evaluate = true\nevaluate_with = { 'eval.prefix' = [4] }", "prefixes"),
+    ] {
+        write(evaluation);
+        let refused = refusal(&mut riglab(&args));
+        assert!(refused.contains("evaluate_with") && refused.contains(said) && !out.exists(), "{refused}");
+    }
+    write("evaluate = true");
+    let said = sweep();
+    assert!(said.contains("not all runs are of the same corpora") && said.contains("evaluate_with = {"), "{said}");
+    let (table, trained) = (fs::read_to_string(out.join("table.md")).unwrap(), run("few", "run.json"));
+    assert!(table.contains(mixed) && !table.contains("Differences"), "{table}");
+
+    write(&format!("evaluate = true\nevaluate_with = {{ 'data.corpora' = ['{}'] }}", text(&many)));
+    let said = sweep();
+    assert!(said.contains("not all runs learned from the same corpora") && !said.contains("evaluated on"), "{said}");
+    assert_eq!(run("few", "run.json"), trained, "nothing is trained anew");
+    let evaluation: serde_json::Value = serde_json::from_str(&run("few", "eval.json")).unwrap();
+    assert_eq!(evaluation["data"][0][0], text(&many));
+    let table = fs::read_to_string(out.join("table.md")).unwrap();
+    assert!(!table.contains(mixed) && table.contains("| L1 | few |"), "{table}");
+    assert!(table.contains("Not all runs learned from the same corpora"), "{table}");
+    // All is done: nothing is evaluated again.
+    let before = fs::metadata(out.join("jobs/few/seed-1/eval.json")).unwrap().modified().unwrap();
+    sweep();
+    assert_eq!(fs::metadata(out.join("jobs/few/seed-1/eval.json")).unwrap().modified().unwrap(), before);
+}
+
+#[test]
 fn jobs_take_the_threads_that_the_command_line_gives() {
     let dir = tempfile::tempdir().unwrap();
     let base = config(dir.path(), &dir.path().join("nowhere.h5"), "");

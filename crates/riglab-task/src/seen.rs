@@ -6,6 +6,7 @@ use std::path::Path;
 use riglab_train::named_by;
 
 use crate::assets::{AssetId, Assets, DataConfig};
+use crate::settings::Settings;
 
 /// Assets that are evaluated and trained on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,21 +47,19 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
 /// models in files, and of those that come with riglab, no corpora are known.
 pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
     let (mut found, mut known) = (Vec::new(), HashSet::new());
-    let mut open: Vec<(Option<&'static str>, String)> = vec![(None, settings.to_owned())];
-    while let Some((first, text)) = open.pop() {
-        let Ok(of) = text.parse().map(toml::Value::Table) else { continue };
+    let own = settings.parse().map(toml::Value::Table);
+    let mut open: Vec<(Option<&'static str>, toml::Value)> = own.into_iter().map(|own| (None, own)).collect();
+    while let Some((first, of)) = open.pop() {
         for (key, named) in models(&of) {
             let run = named_by(Path::new(named)).0;
-            let (Ok(whole), Ok(text)) = (run.canonicalize(), std::fs::read_to_string(run.join("config.toml"))) else {
-                continue;
-            };
+            let (Ok(whole), Ok(settings)) = (run.canonicalize(), Settings::of_run(&run)) else { continue };
             if !known.insert(whole) {
                 continue;
             }
-            let first = first.unwrap_or(key);
-            let data = text.parse::<toml::Table>().ok().and_then(|of| of.get("data")?.clone().try_into().ok());
+            let (first, of) = (first.unwrap_or(key), settings.table());
+            let data = of.get("data").and_then(|data| data.clone().try_into().ok());
             found.extend(data.map(|data| (first, data)));
-            open.push((Some(first), text));
+            open.push((Some(first), toml::Value::Table(of)));
         }
     }
     found

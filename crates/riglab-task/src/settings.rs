@@ -95,17 +95,26 @@ pub(crate) fn weights(all: &[(&str, f64)]) -> Result<(), (String, String)> {
 /// Settings that say where models lie which a run builds on: they may have been moved since.
 pub const MODELS: [&str; 2] = ["start.model", "skin.run"];
 
-/// Where the models are that a run names by paths which lead nowhere from here, though they do from the folder where it was
-/// begun: as `--set` takes them.
-fn places(run: &Path, config: &Config) -> Vec<String> {
-    let Some(begun) = RunInfo::of(run).map(|info| PathBuf::from(info.folder)) else { return Vec::new() };
-    let place = |key: &&str| {
-        let path = config.get_at::<PathBuf>(key).ok().filter(|p| p.is_relative() && !p.as_os_str().is_empty())?;
-        let whole = begun.join(&path);
-        let moved = !path.exists() && !run.join(&path).exists() && begun.is_absolute() && whole.exists();
-        moved.then(|| format!("{key}={:?}", whole.display().to_string()))
+/// Where the models and corpora are that a run names by paths which lead nowhere from here, though they do from the folder
+/// where it was begun: as `--set` takes them.
+pub fn places(run: &Path, config: &Config) -> Vec<String> {
+    let begun = RunInfo::of(run).map(|info| PathBuf::from(info.folder)).filter(|begun| begun.is_absolute());
+    let Some(begun) = begun else { return Vec::new() };
+    let whole = |path: &PathBuf| {
+        let here = path.is_absolute() || path.as_os_str().is_empty() || path.exists();
+        Some(begun.join(path)).filter(|whole| !here && whole.exists())
     };
-    MODELS.iter().filter_map(place).collect()
+    let quoted = |path: PathBuf| toml::Value::String(path.display().to_string()).to_string();
+    let place = |key: &&str| {
+        let path = config.get_at::<PathBuf>(key).ok().filter(|path| !run.join(path).exists())?;
+        Some(format!("{key}={}", quoted(whole(&path)?)))
+    };
+    let corpora: Vec<PathBuf> = config.get_at("data.corpora").unwrap_or_default();
+    let moved = corpora.iter().any(|path| whole(path).is_some()).then(|| {
+        let all: Vec<String> = corpora.iter().map(|path| quoted(whole(path).unwrap_or_else(|| path.clone()))).collect();
+        format!("data.corpora=[{}]", all.join(", "))
+    });
+    MODELS.iter().filter_map(place).chain(moved).collect()
 }
 
 /// Settings as they are written, and where.
@@ -123,8 +132,8 @@ impl Settings {
         Self::of_run_with(run, &[])
     }
 
-    /// As [`Self::of_run`], with values changed as `--set` does. Models that a run names from the folder where it was begun are
-    /// found from any other.
+    /// As [`Self::of_run`], with values changed as `--set` does. Models and corpora that a run names from the folder where it
+    /// was begun are found from any other.
     ///
     /// # Errors
     /// As [`Self::of_run`].
@@ -155,6 +164,11 @@ impl Settings {
     pub fn of_text(name: &str, text: &str) -> Result<Self, String> {
         let config = Config::from_toml_str(name, text).map_err(|e| e.to_string())?;
         Ok(Self { name: name.into(), config })
+    }
+
+    /// All of them.
+    pub fn table(&self) -> toml::Table {
+        self.config.get().unwrap_or_default()
     }
 
     /// Where they stand, for messages.
@@ -192,10 +206,13 @@ mod tests {
     #[test]
     fn what_a_run_builds_on_is_found_from_any_folder() {
         let dir = tempfile::tempdir().unwrap();
-        let (run, begun) = (dir.path().join("run"), dir.path().join("begun"));
+        // A letter and its mark apart, as macOS writes names.
+        let (run, begun) = (dir.path().join("run"), dir.path().join("be\u{300}gun"));
         std::fs::create_dir_all(&run).unwrap();
         std::fs::create_dir_all(begun.join("runs/ae")).unwrap();
-        std::fs::write(run.join("config.toml"), "[skin]\nrun = 'runs/ae'\n[start]\nmodel = 'runs/gone'\n").unwrap();
+        std::fs::write(begun.join("a.h5"), "").unwrap();
+        let text = "[skin]\nrun = 'runs/ae'\n[start]\nmodel = 'runs/gone'\n[data]\ncorpora = ['a.h5', 'gone.h5']\n";
+        std::fs::write(run.join("config.toml"), text).unwrap();
         let info = RunInfo { folder: begun.display().to_string(), ..RunInfo::default() };
         std::fs::write(run.join("run.json"), serde_json::to_string(&info).unwrap()).unwrap();
         let of = |sets: &[String]| {
@@ -203,6 +220,8 @@ mod tests {
             ["skin.run", "start.model"].map(|key| settings.config.get_at::<PathBuf>(key).unwrap())
         };
         assert_eq!(of(&[]), [begun.join("runs/ae"), "runs/gone".into()]);
+        let corpora: Vec<PathBuf> = Settings::of_run(&run).unwrap().config.get_at("data.corpora").unwrap();
+        assert_eq!(corpora, [begun.join("a.h5"), "gone.h5".into()]);
         assert_eq!(of(&["skin.run='runs/other'".into()])[0], Path::new("runs/other"));
         // What is here, or in the run's own folder, is what is meant.
         std::fs::create_dir_all(run.join("runs/ae")).unwrap();

@@ -51,8 +51,7 @@ impl Frozen {
         }
         if !run.exists() {
             return Err(format!(
-                "skin.run: there is no {}; if it was moved, say where it is (--set skin.run=PATH, to `riglab train --resume` \
-                 of a run that was begun with it), or {REMEDY}",
+                "skin.run: there is no {}; if it was moved, say where it is now by --set skin.run=PATH, or {REMEDY}",
                 run.display()
             ));
         }

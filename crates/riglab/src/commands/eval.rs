@@ -14,11 +14,12 @@ use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{built_on, seen, warning};
+use riglab_task::settings::places as places_of;
 use riglab_train::{Checkpoint, Progress, RunInfo, named_by, other_companions, same_companions};
 
 use super::device::DeviceArgs;
 use super::earlier::{Written, keep_others};
-use super::train::{other_data, reached, tell_untested, untested};
+use super::train::{other_data, reached, tell_untested, untested, whole};
 use super::{file_to_write, shown};
 use crate::presets;
 use crate::registry::{TaskConfig, Visitor, pictures};
@@ -76,7 +77,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let _held = if is_own(&path, &run) { hold_evaluation(&run)? } else { None };
     riglab_torch::init(riglab_torch::Settings { threads });
     let device = args.device.device()?;
-    let read = |sets: &[String]| TaskConfig::read(&presets::load(&run.join("config.toml").to_string_lossy(), sets)?);
+    let load = |sets: &[String]| presets::load(&run.join("config.toml").to_string_lossy(), sets);
+    // What it names from the folder where it was begun is found from any other.
+    let there = places_of(&run, &load(&[])?);
+    let read = |sets: &[String]| TaskConfig::read(&load(&[&there, sets].concat())?);
     let sets = with_their_weights(&args.sets);
     let name = args.checkpoint.as_ref().unwrap_or(&named);
     let checkpoint = Checkpoint::open(&run.join("checkpoints").join(name))?;
@@ -85,10 +89,11 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     fits(&own, &config)?;
     let config = config.of_run(&run);
     if config.data().corpora == own.data().corpora {
-        reached(&run, config.data(), |corpora| {
-            let list: Vec<String> = corpora.iter().map(|path| shown(path)).collect();
-            vec!["eval".into(), shown(&args.run), "--set".into(), format!("data.corpora={list:?}")]
-        })?;
+        let again = || {
+            let sets = args.sets.iter().flat_map(|set| ["--set".into(), set.clone()]);
+            ["eval".into(), whole(&args.run)].into_iter().chain(sets).collect()
+        };
+        reached(&run, &config, again, ", or say where it is now: --set data.corpora=...")?;
     }
     // There is such a run.
     try_writing(&path)?;

@@ -10,7 +10,7 @@ use riglab_task::settings::MODELS;
 use riglab_train::{Run, RunInfo, Task, TrainConfig, factor, first_apart};
 
 use super::shown;
-use super::train::{other_data, reached, whole};
+use super::train::other_data;
 use crate::presets;
 use crate::registry::TaskConfig;
 
@@ -103,7 +103,6 @@ impl Longer {
     pub fn hand_over(&self, run: &Run) -> Result<Former> {
         let (dir, path) = (run.dir(), run.path("config.toml"));
         let config = TaskConfig::read(&presets::parse(&shown(&path), &self.config, &[])?)?;
-        reached(dir, config.data(), |_| vec!["train".into(), "--resume".into(), whole(dir)])?;
         let now = Assets::open(&config.data().corpora)?.summary()?;
         if let Some(other) = run.info()?.and_then(|info| other_data(&info.data, &now)) {
             bail!("{}: {other}; put the former corpora back", dir.display());

@@ -12,7 +12,7 @@ use riglab_data::SplitNames;
 use riglab_ranks::{Ranks, processors};
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::{built_on, seen, warning};
+use riglab_task::seen::{built_on, models, seen, warning};
 use riglab_task::start::{LoadedPart, take, taken};
 use riglab_train::{
     Checkpoint, Ended, Interrupt, Run, RunInfo, ScheduleKind, StartConfig, TrainConfig, same_companions, sides, train,
@@ -134,15 +134,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
             let text = ranks.told(text)?;
             let config = settled(&text, &run.path("config.toml"))?;
             if ranks.leads() {
-                if config.data().corpora.is_empty() {
-                    bail!(
-                        "{}: a model that was exported, of which no training goes on: it has no corpora and no state of an \
-                         optimizer; a new training begins with its weights by --set train.start.from={}",
-                        dir.display(),
-                        shown(dir)
-                    );
-                }
-                reached(dir, config.data(), |_| again(dir, &args.sets))?;
+                may_go_on(dir, &config, || again(dir, &args.sets))?;
             }
             (config, Place::There(run))
         }
@@ -314,6 +306,12 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
     let mut former = None;
     let (run, desk, config) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
+            let path = dir.join("config.toml");
+            if path.is_file() {
+                // Before it is in the queue, where it could but fail.
+                let config = TaskConfig::read(&presets::load(&shown(&path), sets)?)?;
+                may_go_on(dir, &config, || [again(dir, &args.sets), vec!["--on".into(), "slurm".into()]].concat())?;
+            }
             let desk = on_slurm::desk(dir, None, cluster)?;
             // One that is in the queue is refused below.
             if !sets.is_empty() && desk.queue()?.is_empty() {
@@ -528,34 +526,47 @@ impl Visitor for Session<'_> {
     }
 }
 
-/// Refuses a run whose corpora are named by paths that lead nowhere from this folder, though they did from the one where it
-/// was begun; `again` gives the arguments that go on, with the corpora's places from anywhere.
-pub fn reached(run: &Path, data: &DataConfig, again: impl Fn(&[PathBuf]) -> Vec<String>) -> Result<()> {
-    let Some(gone) = data.corpora.iter().find(|path| path.is_relative() && !path.exists()) else { return Ok(()) };
+/// Refuses to go on with what no training goes on with; `again` gives the arguments that ask for it from any folder.
+fn may_go_on(run: &Path, config: &TaskConfig, again: impl Fn() -> Vec<String>) -> Result<()> {
+    if config.data().corpora.is_empty() {
+        bail!(
+            "{}: a model that was exported, of which no training goes on: it has no corpora and no state of an optimizer; a \
+             new training begins with its weights by --set train.start.from={}",
+            run.display(),
+            shown(run)
+        );
+    }
+    reached(run, config, again, "")
+}
+
+/// Refuses a run whose corpora or models are named by paths that lead nowhere from this folder, though they did from the one
+/// where it was begun; `again` gives the arguments of the same command for any folder. `remedy`: what else helps where a file
+/// is nowhere.
+pub fn reached(run: &Path, config: &TaskConfig, again: impl Fn() -> Vec<String>, remedy: &str) -> Result<()> {
     let here = std::env::current_dir().context("there is no working folder")?;
     let folder = RunInfo::of(run).map(|info| PathBuf::from(info.folder));
-    let begun = folder.clone().filter(|folder| folder.join(gone).is_file());
-    let places: Vec<PathBuf> = data.corpora.iter().map(|path| begun.as_deref().unwrap_or(&here).join(path)).collect();
-    let arguments = again(&places);
-    let command = command(arguments.iter().map(String::as_str));
-    let names_them = arguments.iter().any(|argument| argument.starts_with("data.corpora="));
-    let hint = match begun {
-        Some(_) if names_them => command,
-        Some(folder) => format!("cd {} && {command}", quoted(&shown(&folder))),
-        // Here it was begun, and it is not below this folder any more.
-        None if folder.is_some_and(|folder| folder == here) => match names_them {
-            true => "put it back, or say where it is now: --set data.corpora=...".into(),
-            false => "put it back where it was".into(),
-        },
-        None if names_them => {
-            "start it in the folder where the run was begun, or say where they are: --set data.corpora=...".into()
+    let begun = |path: &Path| folder.as_ref().filter(|folder| folder.join(path).exists());
+    let gone = |path: &Path| path.is_relative() && !path.exists();
+    let settings = toml::Value::Table(config.to_toml()?.parse()?);
+    // Of a model that is not there either, who opens it tells.
+    let model = models(&settings).map(|(key, named)| (key, Path::new(named)));
+    let mut model = model.filter(|(_, path)| gone(path) && !run.join(path).exists() && begun(path).is_some());
+    let corpus = config.data().corpora.iter().find(|path| gone(path));
+    let Some((what, path)) = corpus.map(|path| ("its corpus", path.as_path())).or_else(|| model.next()) else {
+        return Ok(());
+    };
+    let hint = match begun(path) {
+        Some(folder) => {
+            format!("cd {} && {}", quoted(&shown(folder)), command(again().iter().map(String::as_str)))
         }
-        None => "start it in the folder where the run was begun".into(),
+        // Here it was begun, and it is not below this folder any more.
+        None if folder.as_ref() == Some(&here) => format!("put it back where it was{remedy}"),
+        None => format!("start it in the folder where the run was begun{remedy}"),
     };
     bail!(
-        "{}: its corpus {} is not below this folder, {}: a run's relative paths start where it was begun\n\nhint: {hint}",
+        "{}: {what} {} is not below this folder, {}: a run's relative paths start where it was begun\n\nhint: {hint}",
         run.display(),
-        gone.display(),
+        path.display(),
         here.display()
     )
 }
