@@ -36,9 +36,9 @@ impl Pictures {
             if *count < most {
                 *count += 1;
                 let name = records[i].name.clone();
-                let label = judged.labels.get(&name).map_or(String::new(), |l| format!("{} ", l.category));
+                let label = judged.labels.get(&name).map_or(String::new(), |l| format!("\n{}", l.category));
                 let stem = name.rsplit('/').next().unwrap_or(&name);
-                captions.insert(name.clone(), format!("{label}{stem}"));
+                captions.insert(name.clone(), format!("{stem}{label}"));
                 wanted.insert(name, group);
             }
         }

@@ -1,6 +1,9 @@
 //! Letters of 5 by 8 squares, the last row for tails, for captions and legends.
 
+use std::borrow::Cow;
 use std::sync::LazyLock;
+
+use deunicode::deunicode_with_tofu;
 
 /// Squares across a letter.
 pub(crate) const WIDTH: usize = 5;
@@ -83,6 +86,11 @@ static GLYPHS: LazyLock<Vec<Glyph>> = LazyLock::new(|| {
         .collect()
 });
 
+/// A text in the letters that can be drawn: others as ASCII writes them.
+pub(crate) fn drawn(text: &str) -> Cow<'_, str> {
+    if text.is_ascii() { text.into() } else { deunicode_with_tofu(text, "?").into() }
+}
+
 /// The squares of a letter; of `?` for what is not ASCII.
 pub(crate) fn glyph(c: char) -> Glyph {
     let at = |c: char| (c as usize).checked_sub(' ' as usize).and_then(|at| GLYPHS.get(at));
@@ -91,7 +99,7 @@ pub(crate) fn glyph(c: char) -> Glyph {
 
 /// How wide a line of text is, in squares.
 pub(crate) fn width(text: &str) -> usize {
-    (text.chars().count() * ADVANCE).saturating_sub(1)
+    (drawn(text).chars().count() * ADVANCE).saturating_sub(1)
 }
 
 #[cfg(test)]
@@ -107,6 +115,7 @@ mod tests {
         }
         assert_eq!(glyph('\u{e9}'), glyph('?'));
         assert_eq!(glyph('\n'), glyph('?'));
+        assert_eq!((drawn("Män"), drawn("長い"), drawn("\u{10ffff}x")), ("Man".into(), "Chang i".into(), "?x".into()));
         assert_eq!(glyph('L'), [1, 1, 1, 1, 1, 1, 31, 0]);
     }
 }

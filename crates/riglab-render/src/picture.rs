@@ -81,9 +81,9 @@ impl Picture {
         }
     }
 
-    /// Writes a line of text whose letters are 5 by 8 squares of `size` pixels.
+    /// Writes a line of text whose letters are 5 by 8 squares of `size` pixels; what is not ASCII as ASCII writes it.
     pub fn write(&mut self, text: &str, left: usize, top: usize, size: usize, color: Rgb) {
-        for (at, c) in text.chars().enumerate() {
+        for (at, c) in font::drawn(text).chars().enumerate() {
             let origin = left + at * font::ADVANCE * size;
             for (row, bits) in font::glyph(c).iter().enumerate() {
                 for column in (0..font::WIDTH).filter(|column| bits >> column & 1 == 1) {

@@ -3,8 +3,9 @@
 use crate::legend::text_size;
 use crate::{Picture, Theme, font};
 
-/// Lays pictures out in rows of `columns`, each with its caption below. Cells have the size of the
-/// largest picture, smaller ones stand in the middle; captions are cut to their cell.
+/// Lays pictures out in rows of `columns`, each with its caption of one or several lines below. Cells have the size of the
+/// largest picture, smaller ones stand in the middle; what is wider than its cell is cut in the middle of the line: names
+/// that begin alike end otherwise.
 pub fn contact_sheet(cells: &[(impl AsRef<str>, Picture)], columns: usize, theme: Theme) -> Picture {
     let columns = columns.clamp(1, cells.len().max(1));
     let rows = cells.len().div_ceil(columns);
@@ -12,28 +13,33 @@ pub fn contact_sheet(cells: &[(impl AsRef<str>, Picture)], columns: usize, theme
     let (width, height) = (largest(Picture::width), largest(Picture::height));
     let size = text_size(width);
     let gap = 4 * size;
-    let captioned = cells.iter().any(|(caption, _)| !caption.as_ref().is_empty());
-    let line = if captioned { font::HEIGHT * size + gap } else { 0 };
+    let lines = cells.iter().map(|(caption, _)| caption.as_ref().lines().count()).max().unwrap_or(0);
+    let line = if lines > 0 { lines * font::HEIGHT * size + gap } else { 0 };
     let mut sheet =
         Picture::filled(columns * (width + gap) + gap, rows * (height + line + gap) + gap, theme.background());
     for (at, (caption, picture)) in cells.iter().enumerate() {
         let left = gap + at % columns * (width + gap);
         let top = gap + at / columns * (height + line + gap);
         sheet.paste(picture, left + (width - picture.width()) / 2, top + (height - picture.height()) / 2);
-        let caption = cut(caption.as_ref(), width / size);
-        let indent = (width.saturating_sub(font::width(&caption) * size)) / 2;
-        sheet.write(&caption, left + indent, top + height + gap / 2, size, theme.ink());
+        for (k, line) in caption.as_ref().lines().enumerate() {
+            let line = cut(&font::drawn(line), width / size);
+            let indent = (width.saturating_sub(font::width(&line) * size)) / 2;
+            sheet.write(&line, left + indent, top + height + gap / 2 + k * font::HEIGHT * size, size, theme.ink());
+        }
     }
     sheet
 }
 
-/// A caption that fits into `squares`, with `..` for what is left out.
-fn cut(caption: &str, squares: usize) -> String {
-    if font::width(caption) <= squares {
-        return caption.to_owned();
+/// A line that fits into `squares`, with `..` for what is left out of its middle.
+fn cut(line: &str, squares: usize) -> String {
+    if font::width(line) <= squares {
+        return line.to_owned();
     }
     let letters = (squares + 1) / font::ADVANCE;
-    caption.chars().take(letters.saturating_sub(2)).chain("..".chars()).take(letters).collect()
+    let (all, kept) = (line.chars().count(), letters.saturating_sub(2));
+    let (first, last) = (kept.div_ceil(2), kept / 2);
+    let ends = line.chars().take(first).chain("..".chars()).chain(line.chars().skip(all - last));
+    ends.take(letters).collect()
 }
 
 #[cfg(test)]
@@ -61,14 +67,15 @@ mod tests {
     fn odd_sheets_are_pictures_too() {
         let none: [(&str, Picture); 0] = [];
         assert!(contact_sheet(&none, 0, Theme::Dark).width() > 0);
-        let cells = [("a caption longer than its cell \u{e9}\n", Picture::filled(3, 3, RED))];
+        let cells = [("a caption longer than its cell \u{e9}\n\nof three lines", Picture::filled(3, 3, RED))];
         contact_sheet(&cells, 9, Theme::Dark);
     }
 
     #[test]
     fn long_captions_are_cut() {
         assert_eq!(cut("abcdef", 35), "abcdef");
-        assert_eq!(cut("abcdef", 34), "abc..");
+        assert_eq!(cut("abcdef", 34), "ab..f");
+        assert_eq!(cut("abcdefgh", 41), "ab..gh");
         assert_eq!(cut("abcdef", 3), "");
     }
 }
