@@ -105,7 +105,7 @@ pub enum DataError {
         name: String,
     },
     /// A folder without a file to import.
-    #[error("{path}: no rigged file (GLB, glTF, VRM, FBX, rig text with OBJ, npz, h5, pt) in this folder or below it", path = .0.display())]
+    #[error("{path}: no rigged file (GLB, glTF, VRM, FBX, rig text with OBJ, npz, h5, pt) in this folder or below it; `riglab dataset import --meshes` takes models without a rig", path = .0.display())]
     NothingToImport(PathBuf),
     /// No model in a folder.
     #[error("{path}: no model in it (GLB, glTF, VRM, FBX, OBJ, PLY or STL)", path = .0.display())]

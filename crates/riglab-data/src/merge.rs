@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use riglab_asset::file_and_item;
 
 use crate::rewrite::same;
+use crate::split::new_trained;
 use crate::{Corpus, CorpusWriter, DataError, Splitter};
 
 /// What became of several corpora.
@@ -86,7 +87,7 @@ pub fn merge(
             let mut asset = corpus.verified(index)?;
             asset.name.clone_from(&name);
             writer.add(&asset)?;
-            keys.extend(splitter.map(|_| Splitter::key(&asset)));
+            keys.push(Splitter::key(&asset));
             splits.push(split);
             seen.insert(digest, member);
         }
@@ -97,6 +98,8 @@ pub fn merge(
         let names: HashSet<&str> = keys.iter().map(|(name, _)| name.as_str()).collect();
         let files: HashSet<&str> = names.iter().map(|name| file_and_item(name).0).collect();
         report.warnings = splitter.doubts(&keys, &splits, |name| names.contains(name) || files.contains(name));
+    } else {
+        report.warnings.extend(new_trained(&keys, &splits));
     }
     writer.finish(&splits)?;
     Ok(report)
@@ -181,6 +184,8 @@ mod tests {
             split: split.into(),
         };
         let repeated = Repeated { left_out: member("again", &b, "train"), kept: member("y", &a, "val") };
+        // All have one topology.
+        assert!(report.warnings[0].starts_with("1 of 1 assets of test_new have a tree of joints that"), "{report:?}");
         assert_eq!((report.assets, report.repeated), (3, vec![repeated]));
         let all = Corpus::open(&out).unwrap();
         assert_eq!(all.names().unwrap(), ["x", "y", "z"]);
@@ -192,7 +197,6 @@ mod tests {
         assert_eq!(report.assets, 3);
         let all = Corpus::open(&out).unwrap();
         assert_eq!(all.names().unwrap(), ["a/x", "a/y", "b/z"]);
-        // All have one topology.
         let splits = all.texts("split").unwrap();
         assert!(splits.iter().all(|s| s == "test_new") || splits.iter().all(|s| s != "test_new"), "{splits:?}");
     }

@@ -29,7 +29,7 @@ impl SplitNames {
     /// Assets that a split file does not name.
     pub const NONE: &str = "";
     /// Those that mean something.
-    const KNOWN: [&str; 5] = [Self::TRAIN, Self::VAL, Self::TEST_SEEN, Self::TEST_NEW, Self::MESHES];
+    pub const KNOWN: [&str; 5] = [Self::TRAIN, Self::VAL, Self::TEST_SEEN, Self::TEST_NEW, Self::MESHES];
 }
 
 /// Gives assets their splits.
@@ -184,6 +184,22 @@ fn none_seen(assets: &[(String, u64)], splits: &[String]) -> Option<String> {
         "no asset of test_seen shares its tree of joints (or source) with a training asset, as hardly any occurs \
          twice: results on that split are for new ones, too"
             .into()
+    })
+}
+
+/// Told where trees of joints are tested as new ones that training assets have, too.
+pub(crate) fn new_trained(assets: &[(String, u64)], splits: &[String]) -> Option<String> {
+    let trained = topologies_of(assets, splits, SplitNames::TRAIN);
+    let new = assets.iter().zip(splits).filter(|(_, split)| *split == SplitNames::TEST_NEW);
+    let (known, others): (Vec<_>, Vec<_>) = new.map(|(asset, _)| asset).partition(|(_, tree)| trained.contains(tree));
+    (!known.is_empty()).then(|| {
+        format!(
+            "{} of {} assets of test_new have a tree of joints that training assets have: {}; their results are not for new \
+             topologies. --seed splits all anew",
+            known.len(),
+            known.len() + others.len(),
+            some_of(known.iter().map(|(name, _)| name.as_str()))
+        )
     })
 }
 
