@@ -900,6 +900,35 @@ fn a_folder_is_converted_below_itself_as_often_as_one_likes() {
 }
 
 #[test]
+fn a_file_keeps_its_name_where_others_would_take_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (made, both) = (dir.path().join("made"), dir.path().join("both"));
+    let [first, second] = &creatures(&made, 2)[..] else { panic!("two") };
+    fs::create_dir(&both).unwrap();
+    must(&["convert", text(first), text(&both.join("a.fbx"))]);
+    fs::copy(second, both.join("a.glb")).unwrap();
+    fs::write(both.join("scan.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let (corpus, out) = (dir.path().join("c.h5"), dir.path().join("out"));
+    let said = String::from_utf8(must(&["dataset", "import", text(&both), "-o", text(&corpus)]).stderr).unwrap();
+    assert!(said.contains("not imported, as their formats hold no rig: scan.obj; --meshes"), "{said}");
+    let joints = |file: &Path| {
+        let all = inspected(file)["joints"].as_array().unwrap().iter().map(|joint| joint["head"].to_string());
+        let mut all: Vec<String> = all.collect();
+        all.sort();
+        all
+    };
+    assert_ne!(joints(first), joints(second));
+    for from in [&corpus, &both] {
+        let said = String::from_utf8(must(&["convert", text(from), text(&out), "--to", "glb"]).stderr).unwrap();
+        assert!(said.contains("a.fbx: written as ") && said.contains("a-2.glb, as another"), "{said}");
+        for (written, of) in [("a.glb", second), ("a-2.glb", first)] {
+            assert_eq!(joints(&out.join(written)), joints(of), "{written} of {}", from.display());
+        }
+        fs::remove_dir_all(&out).unwrap();
+    }
+}
+
+#[test]
 fn what_is_read_is_spared_in_every_format() {
     let dir = tempfile::tempdir().unwrap();
     let creature = &creatures(&dir.path().join("made"), 1)[0];

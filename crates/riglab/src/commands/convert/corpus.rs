@@ -27,6 +27,8 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     let originals = Originals::of(corpus)?;
     let mut told = Beside::default();
     let mut taken: HashSet<PathBuf> = HashSet::new();
+    let own = corpus.names()?.iter().filter_map(|name| own_path(name, &args.out, target));
+    let own: HashSet<PathBuf> = own.collect();
     let mut progress = Progress::new("writing", corpus.len() as u64, 0);
     for (index, split) in splits.iter().enumerate() {
         let stored = corpus.verified(index).map_err(anyhow::Error::from).and_then(|asset| {
@@ -34,10 +36,15 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
             if bare && !holds_bare(target) {
                 bail!("{}: {NO_RIG}", asset.name);
             }
-            let (folder, own) = place(&asset.name);
-            let named = |again| args.out.join(&folder).join(numbered(&own, again, target));
-            let free = |path: &PathBuf| !written_paths(path, target).iter().any(|p| taken.contains(p));
+            let (folder, stem) = place(&asset.name);
+            let named = |again| args.out.join(&folder).join(numbered(&stem, again, target));
+            let has = own_path(&asset.name, &args.out, target);
+            let kept = |path: &PathBuf| own.contains(path) && has.as_ref() != Some(path);
+            let free = |path: &PathBuf| !kept(path) && !written_paths(path, target).iter().any(|p| taken.contains(p));
             let path = (1..).map(named).find(free).context("no name is left")?;
+            if path != named(1) {
+                tell!("note: {}: written as {}, as another asset has its name", asset.name, in_line(path.display()));
+            }
             taken.extend(written_paths(&path, target));
             originals.keep(&path, target, args)?;
             make_folder_of(&path)?;
@@ -64,6 +71,13 @@ pub fn into(corpus: &Corpus, args: &Args, target: Target) -> Result<ExitCode> {
     lost.tell(&args.input, target);
     say!("{written} written to {}, {failed} left out", args.out.display());
     Ok(if failed > 0 || written == 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Where an asset lands whose file had the target's ending already: it keeps its name, whichever comes first.
+fn own_path(name: &str, out: &Path, target: Target) -> Option<PathBuf> {
+    let (folder, stem) = place(name);
+    let file = file_name(&stem, target);
+    (Path::new(name).file_name()? == file.as_str()).then(|| out.join(folder).join(file))
 }
 
 /// One asset.

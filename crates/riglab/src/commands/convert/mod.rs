@@ -239,6 +239,12 @@ fn into(
     let (mut written, mut failed, mut lost, mut notes) = (0, unread, Lost::default(), Notes::default());
     let (known, mut beside) = (input.is_dir().then(|| Known::of(input)).transpose()?, Beside::default());
     let mut taken: HashSet<PathBuf> = HashSet::new();
+    // Where files land that have the target's ending already: they keep their names, whichever come first.
+    let below =
+        |file: &Path| file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
+    let of = |file: &Path| Some(below(file).join(file_name(&file.file_stem()?.to_string_lossy(), target)));
+    let has = |file: &Path| of(file).filter(|place| place.file_name() == file.file_name());
+    let kept: HashSet<PathBuf> = files.iter().filter_map(|file| has(file)).collect();
     let mut broken = Ok(());
     let progress = OfFiles::new("converting", files.len());
     let set = |done, of| progress.set(done, of);
@@ -247,7 +253,7 @@ fn into(
         let count = count_assets(file).unwrap_or(1);
         let mut open = tally.open(count);
         // Folders below the input come again below the output.
-        let folder = file.parent().and_then(|f| f.strip_prefix(input).ok()).map_or(out.clone(), |f| out.join(f));
+        let (folder, has) = (below(file), has(file));
         import_each(file, options, |imported| {
             open.one();
             let imported = match imported {
@@ -266,7 +272,11 @@ fn into(
             let mut name = file_name(&own, target);
             // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
             let mut again = 1;
-            while written_paths(folder.join(&name), target).iter().any(|path| taken.contains(path)) {
+            let free = |place: &Path| {
+                let others = kept.contains(place) && has.as_deref() != Some(place);
+                !others && !written_paths(place, target).iter().any(|path| taken.contains(path))
+            };
+            while !free(&folder.join(&name)) {
                 again += 1;
                 name = numbered(&own, again, target);
             }
@@ -458,7 +468,7 @@ fn to_convert(files: Vec<PathBuf>, target: Target) -> Vec<PathBuf> {
 }
 
 /// Which of `bare` belong to none of the rigged files, as the OBJ of a rig text does: by their places below the folder.
-fn bare_names(folder: &Path, rigged: &[PathBuf], mut bare: Vec<PathBuf>) -> Vec<String> {
+pub(super) fn bare_names(folder: &Path, rigged: &[PathBuf], mut bare: Vec<PathBuf>) -> Vec<String> {
     let read: HashSet<PathBuf> = rigged.iter().flat_map(|file| files_read(file)).collect();
     bare.retain(|path| !read.contains(path));
     bare.iter().map(|path| path.strip_prefix(folder).unwrap_or(path).display().to_string()).collect()
