@@ -260,8 +260,10 @@ pub(crate) fn free_folder(point: &str, taken: &BTreeSet<String>) -> String {
 
 /// A folder's name.
 fn slug(name: &str) -> String {
-    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { '-' };
+    let plain = |c: char| if c.is_alphanumeric() || c == '.' { c.to_ascii_lowercase() } else { '-' };
+    // File systems count bytes.
     let mut out: String = name.chars().map(plain).take(80).collect();
+    out.truncate((0..=200.min(out.len())).rev().find(|at| out.is_char_boundary(*at)).unwrap_or(0));
     while out.contains("--") {
         out = out.replace("--", "-");
     }
@@ -443,7 +445,8 @@ pub(crate) mod tests {
     #[test]
     fn folders_have_plain_names() {
         assert_eq!(slug("../A b/ c=[1, 2]"), "a-b-c-1-2");
-        assert_eq!(slug("ü"), "point");
+        assert_eq!((slug("ohne Dice ü"), slug("--")), ("ohne-dice-ü".into(), "point".into()));
+        assert!(slug(&"長".repeat(100)).len() <= 200);
         // Two names that come to the same folder have two.
         let text = "[sweep]\nbase = 'b'\nseeds = [1]\n[[sweep.arms]]\nname = 'a b'\n[[sweep.arms]]\nname = 'a-b'";
         let plan = Plan::new(file(text), &[]).unwrap();

@@ -47,7 +47,7 @@ pub use riglab_geom::Yaw;
 pub use sample::Sample;
 pub use skin::Codes;
 pub use skinner::Skinner;
-pub use template::{FindHuman, Placed};
+pub use template::{BODIES, FindHuman, Placed};
 
 use crate::assets::{AssetId, Assets, Cache};
 pub use crate::bundle::Card;

@@ -24,8 +24,8 @@ use crate::unirig_skeleton::evaluate::joints;
 /// The human bones of a skeleton with y up, in the box around its mesh; `None` for what is no body.
 pub type FindHuman<'a> = dyn Fn(&Skeleton, Option<Bounds>) -> Option<Humanoid> + Sync + 'a;
 
-/// Draws that have to be bodies.
-const BODIES: usize = 3;
+/// Draws that have to be bodies for a template to be placed by them.
+pub const BODIES: usize = 3;
 /// The share of them that has to have a joint of a finger.
 const FINGERS: f64 = 0.3;
 /// Steps towards the median.

@@ -19,10 +19,11 @@ use riglab_train::Progress;
 
 use riglab_report::counted;
 
+use super::convert::bare_names;
 use super::earlier::Earlier;
 use super::inspect::vertices;
 use super::of_files::OfFiles;
-use super::{as_corpora, file_to_write, in_line, shown, some_lines, train_on};
+use super::{as_corpora, file_to_write, in_line, shown, some_lines, some_of, train_on};
 
 /// Make and look at corpora: HDF5 files of many rigs.
 #[derive(clap::Args)]
@@ -241,6 +242,14 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     let found = if args.meshes { models_below(&args.folder)? } else { rigged_below(&args.folder)? };
     if let Some(hidden) = found.left_aside() {
         tell!("note: {hidden}");
+    }
+    // A folder without any is no fault of rigged files.
+    let models = if args.meshes { Vec::new() } else { models_below(&args.folder).map_or(Vec::new(), |all| all.files) };
+    let models = models.into_iter().filter(|path| !found.files.contains(path)).collect();
+    let bare = bare_names(&args.folder, &found.files, models);
+    if !bare.is_empty() {
+        let named = some_of(&bare);
+        tell!("note: not imported, as their formats hold no rig: {named}; --meshes imports the meshes of a folder");
     }
     let progress = OfFiles::new("importing", found.files.len());
     let clips = args.clips.map(|rate| Resample { rate, ..Resample::default() });

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_config::{Config, Difference, Loader};
+use riglab_data::SplitNames;
 use riglab_files::{Unfinished, make_folder_of};
 use riglab_report::chose_for;
 use riglab_report::shell::command;
@@ -31,7 +32,8 @@ use crate::registry::{TaskConfig, Visitor, pictures};
 #[command(after_help = "\
 Examples:
   riglab eval runs/fsq_cvae/001
-  riglab eval runs/fsq_cvae/001 --checkpoint last --set eval.prefixes='[4, 32]' --json")]
+  riglab eval runs/fsq_cvae/001 --checkpoint last --set eval.prefixes='[4, 32]' --json
+  riglab eval runs/tokenrig/001 --set eval.consensus=16    # samples, as `riglab rig`")]
 pub struct Args {
     /// The run's folder, or that of one of its checkpoints (RUN/checkpoints/last).
     run: PathBuf,
@@ -335,7 +337,9 @@ impl Visitor for Examination<'_> {
         let without = untested(&data, task.assets())?;
         if let Some(note) = tell_untested(&without, task.assets())? {
             ensure!(without.len() < data.test.len(), note);
-            tell!("warning: {note}");
+            // Corpora of one's own need not have each of the usual ones.
+            let usual = without.iter().all(|split| SplitNames::KNOWN.contains(&split.as_str()));
+            tell!("{}: {note}", if usual { "note" } else { "warning" });
         }
         let total = task.examination_steps().map_err(|e| anyhow!(e))? as u64;
         let mut progress = Progress::new("evaluating", total, 0);

@@ -178,7 +178,10 @@ fn single(args: &Args, run: &Path, evaluation: &Path) -> Result<Page> {
             }
         }
         None => {
-            let text = format!("Not evaluated yet; to evaluate it: {}", evaluating(run));
+            let none =
+                "No checkpoint is the best: none passed guard.worse, or what they are chosen by was never finite. ";
+            let none = if without_best(run) { none } else { "" };
+            let text = format!("{none}Not evaluated yet; to evaluate it: {}", evaluating(run));
             blocks.push(Block::Text(text.clone()));
             tell!("note: {text}");
         }

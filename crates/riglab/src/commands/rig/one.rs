@@ -15,7 +15,7 @@ use riglab_files::make_folder_of;
 use riglab_report::counted;
 use riglab_report::shell::command;
 use riglab_reward::{RewardConfig, Rewards};
-use riglab_task::tokenrig::{GeneratedRig, Placed, Rank, RigRequest, many_bodies};
+use riglab_task::tokenrig::{BODIES, GeneratedRig, Placed, Rank, RigRequest, many_bodies};
 use riglab_token::Template;
 use riglab_train::Spinner;
 
@@ -256,7 +256,7 @@ fn told_placed(placed: Placed) -> &'static str {
 /// Where many draws are human bodies and the one that was taken has another tree: what makes one of them.
 fn of_bodies(made: &GeneratedRig, human: bool, class: Option<&str>) -> Option<String> {
     let (bodies, draws) = (made.bodies.filter(|_| !human && class.is_none())?, made.draws.len());
-    many_bodies(bodies, draws).then(|| {
+    (bodies >= BODIES && many_bodies(bodies, draws)).then(|| {
         format!("{bodies} of {draws} samples are human bodies, but the one taken is not; --template mixamo makes one")
     })
 }
