@@ -10,7 +10,8 @@ use crate::draft::{Draft, Normals};
 use crate::rules::{Fault, inside, probability, range};
 
 /// Gaussian noise on vertices (SkinTokens, 4.1.2: deviation 1e-3) and on the normals that are
-/// sampled (public code only).
+/// sampled (public code only). Noise on normals is added to those that the surface has before its
+/// vertices move, as there: on fine meshes little noise on vertices turns normals far.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct JitterConfig {
@@ -20,7 +21,8 @@ pub struct JitterConfig {
     pub sigma: f32,
     /// Most that a coordinate changes. 0 for no limit.
     pub clip: f32,
-    /// Deviation of each component of a unit normal. 0 leaves normals to the geometry.
+    /// Deviation of each component of a unit normal. 0 leaves normals to the geometry: they are then
+    /// those of the surface whose vertices have moved.
     pub normal_sigma: f32,
     /// Most that a component changes. 0 for no limit.
     pub normal_clip: f32,
@@ -80,13 +82,13 @@ impl JitterConfig {
         }
         let [low, high] = self.strength;
         let (vertices, normals) = (random.within(low, high), random.within(low, high));
+        let still = if self.normal_sigma > 0.0 { Some(draft.current_normals()?) } else { None };
         if self.sigma > 0.0 {
             let noise = Noise { sigma: self.sigma * vertices, clip: self.clip * vertices };
             draft.positions.iter_mut().for_each(|p| *p = noise.on(*p, gaussian(random)));
         }
-        if self.normal_sigma > 0.0 {
+        if let Some(mut now) = still {
             let noise = Noise { sigma: self.normal_sigma * normals, clip: self.normal_clip * normals };
-            let mut now = draft.current_normals()?;
             for n in now.vertices.iter_mut().chain(&mut now.triangles) {
                 *n = unit(noise.on(*n, gaussian(random)));
             }
@@ -191,6 +193,23 @@ mod tests {
         let config = JitterConfig { normal_sigma: 0.0, sigma: 0.1, ..config };
         let done = after(|d| config.apply(d, &mut stream(1, "test", &[])).unwrap());
         assert!(done.normals.is_none() && done.rig.mesh() != chain().mesh());
+    }
+
+    #[test]
+    fn noise_on_normals_is_on_those_from_before_the_vertices_move() {
+        let config = JitterConfig {
+            probability: 1.0,
+            sigma: 0.3,
+            normal_sigma: 0.01,
+            normal_clip: 0.02,
+            ..JitterConfig::default()
+        };
+        let done = after(|d| config.apply(d, &mut stream(1, "test", &[])).unwrap());
+        // The strip is flat.
+        let flat = |n: &Vec3| n[2] > 0.999;
+        assert!(!normals_by_angle(done.rig.mesh()).iter().any(flat));
+        let normals = done.normals.unwrap();
+        assert!(normals.vertices.iter().chain(&normals.triangles).all(flat));
     }
 
     #[test]
