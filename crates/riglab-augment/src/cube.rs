@@ -13,7 +13,7 @@ use crate::rules::{Fault, inside, probability, range};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CubeConfig {
-    /// Whether to normalise at all.
+    /// Whether to normalise at all. Networks see rigs in [-1, 1]³: where this is off, they are set there last.
     pub enabled: bool,
     /// From where to where the cube's sides run.
     pub into: [f32; 2],

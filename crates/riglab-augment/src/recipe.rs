@@ -4,7 +4,7 @@ use riglab_core::{Asset, Clip, Rig, RigError};
 use riglab_random::stream;
 use serde::{Deserialize, Serialize};
 
-use crate::cube::{CubeConfig, Shift};
+use crate::cube::{CubeConfig, Shift, into_cube};
 use crate::delete::DeleteConfig;
 use crate::discretise::DiscretiseConfig;
 use crate::draft::{Augmented, Draft};
@@ -119,6 +119,24 @@ impl Recipe {
     /// None that a valid rig and a validated recipe can give; kept so that a fault of this crate costs
     /// a sample and not a run.
     pub fn apply(&self, rig: Rig, seed: u64, index: &[u64]) -> Result<Augmented, RigError> {
+        self.applied(rig, seed, index)?.close()
+    }
+
+    /// As [`Self::apply`], for networks, which see rigs in [-1, 1]³: where the recipe does not set rigs into its cube, they
+    /// are set into this one last. Where it does, they stay where its scale, its shift and noise have left them, as in the
+    /// public code, and so do joints in the middle of their cells.
+    ///
+    /// # Errors
+    /// As [`Self::apply`].
+    pub fn apply_in_cube(&self, rig: Rig, seed: u64, index: &[u64]) -> Result<Augmented, RigError> {
+        let mut draft = self.applied(rig, seed, index)?;
+        if !self.cube.enabled {
+            into_cube(&mut draft, CubeConfig::default().into, 1.0, [0.0; 3]);
+        }
+        draft.close()
+    }
+
+    fn applied(&self, rig: Rig, seed: u64, index: &[u64]) -> Result<Draft, RigError> {
         let Self {
             trim,
             delete,
@@ -157,7 +175,7 @@ impl Recipe {
         jitter.apply(&mut draft, &mut of("augment jitter"))?;
         joint_noise.apply(&mut draft, &mut of("augment joint noise"));
         discretise.apply(&mut draft, &mut of("augment discretise"));
-        draft.close()
+        Ok(draft)
     }
 
     /// As [`Self::apply`], of an asset with its motions, whatever its units: steps see it in the cube, and it comes back

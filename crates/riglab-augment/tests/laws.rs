@@ -204,6 +204,36 @@ fn a_step_that_is_switched_off_does_not_change_what_others_draw() {
 }
 
 #[test]
+fn for_networks_rigs_lie_where_the_cube_leaves_them_or_else_in_it() {
+    let rig = creatures(1, 0..1, &Options::default()).remove(0).rig;
+    let of = |recipe: &Recipe| recipe.apply_in_cube(rig.clone(), 1, &[]).unwrap();
+    let longest = |rig: &Rig| rig.bounds().size().into_iter().fold(0.0, f32::max);
+    let cube = CubeConfig {
+        scale_probability: 1.0,
+        scale: [0.5, 0.5],
+        shift_probability: 1.0,
+        shift: Shift::UpTo(0.1),
+        ..CubeConfig::default()
+    };
+    let scaled = of(&Recipe { cube, ..Recipe::default() });
+    assert!((longest(&scaled.rig) - 1.0).abs() < 1e-5 && scaled.rig.bounds().center() != [0.0; 3]);
+    let cells = DiscretiseConfig { probability: 1.0, ..DiscretiseConfig::default() };
+    let noise = JitterConfig { probability: 1.0, sigma: 0.05, ..JitterConfig::default() };
+    let rounded = of(&Recipe { jitter: noise, discretise: cells.clone(), ..Recipe::default() });
+    let middle = |x: &f32| (x * 128.0 - 0.5).fract() == 0.0;
+    assert!(rounded.rig.skeleton().heads().as_flattened().iter().all(middle));
+    let cube = CubeConfig { enabled: false, ..CubeConfig::default() };
+    let large =
+        Recipe { cube, scale: ScaleConfig { probability: 1.0, range: [3.0, 3.0], uniform: true }, ..Recipe::default() };
+    let own = large.apply(rig.clone(), 1, &[]).unwrap();
+    let set = of(&large);
+    assert!((longest(&own.rig) - 3.0 * longest(&rig)).abs() < 1e-3 && (longest(&set.rig) - 2.0).abs() < 1e-5);
+    // What is known of the way there holds, too.
+    let moved = set.motion.world.transform_point3a(rig.skeleton().heads()[0].into());
+    assert!(moved.distance(set.rig.skeleton().heads()[0].into()) < 1e-5);
+}
+
+#[test]
 fn the_default_only_normalises() {
     let rig = creatures(1, 0..1, &Options::default()).remove(0).rig;
     let after = Recipe::default().apply(rig.clone(), 1, &[]).unwrap().rig;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use riglab_augment::Recipe;
+use riglab_augment::{CubeConfig, Recipe};
 use riglab_nn::generate::{self, GenerateConfig};
 use riglab_nn::grpo::{Norm, ObjectiveConfig};
 use riglab_reward::RewardConfig;
@@ -26,7 +26,7 @@ pub struct GrpoTaskConfig {
     /// Corpora and splits. Rigs of the training split are not looked at, only their meshes, set into the cube as `riglab rig`
     /// sets them; skeletons are where steps of `augment` need them.
     pub data: DataConfig,
-    /// How meshes are varied. `delete`, `part` and `pose` do it by their skeletons.
+    /// How meshes are varied, in the frame of their own boxes. `delete`, `part` and `pose` do it by their skeletons.
     pub augment: Recipe,
     /// How rigs are drawn.
     pub rollout: RolloutConfig,
@@ -174,6 +174,22 @@ impl GrpoTaskConfig {
         self.data.validate()?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
+        let (cube, default) = (&self.augment.cube, CubeConfig::default());
+        for (key, same, own) in [
+            ("scale_probability", cube.scale_probability == default.scale_probability, "0.0"),
+            ("shift_probability", cube.shift_probability == default.shift_probability, "0.0"),
+            ("into", cube.into == default.into, "[-1.0, 1.0]"),
+        ] {
+            if !same {
+                return bad(
+                    &format!("augment.cube.{key}"),
+                    format!(
+                        "GRPO sets each mesh into the cube by its own box, as `riglab rig` does, and this would change \
+                         nothing: set it to {own}"
+                    ),
+                );
+            }
+        }
         if !self.train.start.is_none() {
             return bad("train.start", "GRPO starts from a trained policy: name it in start.model".into());
         }
@@ -396,6 +412,9 @@ mod tests {
             Err("reward.weights".into())
         );
         assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
+        assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), Err("augment.cube.scale_probability".into()));
+        assert_eq!(of(|c| c.augment.cube.shift_probability = 0.5), Err("augment.cube.shift_probability".into()));
+        assert_eq!(of(|c| c.augment.cube.into = [0.0, 1.0]), Err("augment.cube.into".into()));
         assert_eq!(of(|c| c.reward.poses = 0), Err("reward.poses".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));

@@ -75,8 +75,8 @@ impl BatchSource {
         };
         let key = [id.key(), variant];
         let rig = normalized(&self.assets, &self.cache, id)?;
-        let augmented = c.augment.apply((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
-        let (rig, _) = augmented.rig.normalized();
+        let augmented = c.augment.apply_in_cube((*rig).clone(), seed, &key).map_err(|e| e.to_string())?;
+        let rig = augmented.rig;
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
         let mut of_variant = stream(seed, "rig variant", &key);
@@ -130,5 +130,38 @@ impl Source for BatchSource {
         let skipped = filled(number, c.sampling.rigs, c.limits, |place| self.add(place, skin, &mut batch))?;
         batch.shapes.skipped += skipped;
         Ok(batch)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use riglab_geom::CloudConfig;
+    use riglab_nn::tokenrig::Head;
+
+    use super::*;
+    use crate::assets::DataConfig;
+    use crate::tokenrig::testing::{assert_placed, corpus_of_one, untrained};
+
+    #[test]
+    fn rigs_lie_where_the_recipe_leaves_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let (assets, rigger) = (corpus_of_one(dir.path()), untrained(Head::Levels, true));
+        assert_placed(|augment| {
+            let mut config = TokenRigTaskConfig { augment, ..rigger.config.clone() };
+            config.sampling.cloud = CloudConfig { points: 64, vertices: 4, ..CloudConfig::default() };
+            (config.sampling.rigs, config.sampling.variants) = (2, 0);
+            let source = BatchSource {
+                rigs: Mixture::new(0, vec![(1.0, assets.split("train").unwrap())]),
+                tokenizer: rigger.tokenizer.clone(),
+                layout: rigger.net.layout().clone(),
+                vae: rigger.vae.clone(),
+                assets: assets.clone(),
+                cache: Arc::new(Cache::of(&DataConfig::default(), 1)),
+                samples: Arc::new(Cache::of(&DataConfig::default(), 1)),
+                config,
+            };
+            // The first of the two.
+            source.batch(0).unwrap().shapes.cloud[..6 * 64].to_vec()
+        });
     }
 }

@@ -1,14 +1,18 @@
 //! What tests of several tasks need.
 
+use std::path::Path;
 use std::sync::Arc;
 
-use riglab_core::Mesh;
+use riglab_augment::{CubeConfig, Recipe, ScaleConfig, Shift};
+use riglab_core::{Asset, Bounds, Joint, JointId, Mesh, Provenance, Rig, Skeleton, SkinWeights};
+use riglab_data::CorpusWriter;
 use riglab_nn::fsq_cvae::{Extensions, FsqCvaeConfig, SkinQueries};
 use riglab_nn::tokenrig::{Head, TokenRigConfig};
 use riglab_token::Limits;
 use tch::Device;
 
 use super::{Rigger, TokenRigTaskConfig};
+use crate::assets::Assets;
 use crate::fsq_cvae::{Frozen, FsqCvaeTask, FsqCvaeTaskConfig};
 
 /// A model that has learnt nothing, of the smallest sizes.
@@ -60,4 +64,43 @@ fn of(head: Head, empty: bool, extensions: Extensions) -> Rigger {
 pub(crate) fn tetrahedron() -> Mesh {
     let corners = vec![[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]];
     Mesh::new(corners, vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]]).unwrap()
+}
+
+/// A corpus whose only asset, to train on, is [`tetrahedron`] with a root in its middle and a tip above.
+pub(crate) fn corpus_of_one(folder: &Path) -> Arc<Assets> {
+    let path = folder.join("one.h5");
+    let joint = |name: &str, parent, y| Joint { name: name.into(), parent, head: [0.0, y, 0.0] };
+    let skeleton = Skeleton::new(vec![joint("root", None, 0.0), joint("tip", Some(JointId(0)), 0.5)]).unwrap();
+    let weights = SkinWeights::normalized((0..4).map(|v| [(v % 2, 1.0)])).unwrap();
+    let rig = Rig::new(skeleton, tetrahedron(), weights).unwrap();
+    let mut writer = CorpusWriter::create(&path).unwrap();
+    writer.add(&Asset { name: "a".into(), rig, clips: Vec::new(), provenance: Provenance::default() }).unwrap();
+    writer.finish(&["train"]).unwrap();
+    Arc::new(Assets::open(&[path]).unwrap())
+}
+
+/// That clouds of batches of [`corpus_of_one`], with its vertices in them, lie where recipes leave the rig.
+pub(crate) fn assert_placed(cloud: impl Fn(Recipe) -> Vec<f32>) {
+    let bounds = |recipe| {
+        let cloud = cloud(recipe);
+        let (rows, _) = cloud.as_chunks::<6>();
+        Bounds::of(rows.iter().map(|&[x, y, z, ..]| [x, y, z])).unwrap()
+    };
+    let near = |sides: [f32; 3], wanted: f32| sides.iter().all(|side| (side - wanted).abs() < 1e-4);
+    let cube = |scale, most| CubeConfig {
+        scale_probability: 1.0,
+        scale: [scale; 2],
+        shift_probability: 1.0,
+        shift: Shift::UpTo(most),
+        ..CubeConfig::default()
+    };
+    let small = bounds(Recipe { cube: cube(0.5, 0.2), ..Recipe::default() });
+    assert!(near(small.size(), 1.0) && small.center().iter().all(|x| *x != 0.0 && x.abs() <= 0.2), "{small:?}");
+    // Joints outside are written at the border.
+    let far = bounds(Recipe { cube: cube(3.0, 2.0), ..Recipe::default() });
+    assert!(near(far.size(), 6.0), "{far:?}");
+    let off = CubeConfig { enabled: false, ..CubeConfig::default() };
+    let scale = ScaleConfig { probability: 1.0, range: [3.0, 3.0], uniform: true };
+    let set = bounds(Recipe { cube: off, scale, ..Recipe::default() });
+    assert!(near(set.size(), 2.0) && near(set.center(), 0.0), "{set:?}");
 }

@@ -112,8 +112,8 @@ impl BatchSource {
         let c = &self.config;
         let id = self.rigs.at(place);
         let rig = normalized(&self.assets, &self.cache, id)?;
-        let augmented = c.augment.apply((*rig).clone(), c.train.seed, &[place]).map_err(|e| e.to_string())?;
-        let (rig, _) = augmented.rig.normalized();
+        let augmented = c.augment.apply_in_cube((*rig).clone(), c.train.seed, &[place]).map_err(|e| e.to_string())?;
+        let rig = augmented.rig;
         let mut random = stream(c.train.seed, "skeleton sample", &[place]);
         // Where left and right are exchanged, the names of known makes are no longer true.
         let mirrored = augmented.motion.world.matrix3.determinant() < 0.0;
@@ -258,6 +258,8 @@ mod tests {
     use riglab_token::Preset;
 
     use super::*;
+    use crate::assets::DataConfig;
+    use crate::tokenrig::testing::{assert_placed, corpus_of_one};
 
     #[test]
     fn sequences_of_skeletons_begin_as_free_ones_do() {
@@ -325,6 +327,22 @@ mod tests {
         for (here, there) in three.cloud.chunks(3).zip(two.cloud.chunks(3)) {
             assert_eq!(here, [-there[0], there[1], there[2]]);
         }
+    }
+
+    #[test]
+    fn rigs_lie_where_the_recipe_leaves_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let assets = corpus_of_one(dir.path());
+        assert_placed(|augment| {
+            let mut config = SkeletonTaskConfig { augment, ..SkeletonTaskConfig::default() };
+            config.sampling.cloud = CloudConfig { points: 64, vertices: 4, ..CloudConfig::default() };
+            config.sampling.rigs = 1;
+            config.model.shape = PerceiverConfig { tokens: 4, drawn: 2, ..PerceiverConfig::default() };
+            let cache = Arc::new(Cache::of(&DataConfig::default(), 1));
+            let parts = vec![(1.0, assets.split("train").unwrap())];
+            let tokenizer = Tokenizer::new(Preset::Riglab.config());
+            BatchSource::new(config, tokenizer, assets.clone(), cache, parts).batch(0).unwrap().cloud
+        });
     }
 
     #[test]

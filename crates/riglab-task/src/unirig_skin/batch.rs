@@ -103,10 +103,11 @@ impl BatchSource {
     }
 }
 
-/// An asset as a recipe varies it, in the cube again.
+/// An asset as a recipe varies it, in the cube.
 fn varied(recipe: &Recipe, asset: Asset, seed: u64, key: &[u64]) -> Result<Prepared, String> {
-    let varied = recipe.apply(asset.rig.normalized().0, seed, key).map_err(|e| format!("{}: {e}", asset.name))?;
-    Ok(Prepared::of(asset.name, varied.rig.normalized().0, false))
+    let varied = recipe.apply_in_cube(asset.rig.normalized().0, seed, key);
+    let varied = varied.map_err(|e| format!("{}: {e}", asset.name))?;
+    Ok(Prepared::of(asset.name, varied.rig, false))
 }
 
 /// With its size in bytes.
