@@ -1,7 +1,7 @@
 //! All augmentations in their order, and the orders and values of papers and public code.
 
 use riglab_core::{Asset, Clip, Rig, RigError};
-use riglab_random::stream;
+use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
 
 use crate::cube::{CubeConfig, Shift, into_cube};
@@ -162,10 +162,16 @@ impl Recipe {
         part.apply(&mut draft, &mut of("augment part"));
         reconnect.apply(&mut draft, &mut of("augment reconnect"));
         pose.apply(&mut draft, &mut of("augment pose"));
-        let mut turn = of("augment turn");
+        let mut about_y = of("augment turn");
+        // Once this stream told first whether to turn about x; runs of that time turned about y by what follows.
+        about_y.unit();
         let parts = LinearParts {
             scale: scale.draw(&mut of("augment scale")),
-            turns: [turn_x.draw(0, &mut turn), turn_y.draw(1, &mut turn), turn_z.draw(2, &mut turn)],
+            turns: [
+                turn_x.draw(0, &mut of("augment turn x")),
+                turn_y.draw(1, &mut about_y),
+                turn_z.draw(2, &mut of("augment turn z")),
+            ],
             flip: flip.draw(&mut of("augment flip")),
             rotate: rotate.draw(&mut of("augment rotate")),
             axes: axes.draw(&mut of("augment axes")),

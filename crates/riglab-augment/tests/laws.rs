@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use riglab_asset::{ImportOptions, import, is_rig_file};
 use riglab_augment::{
     Augmented, AxesConfig, CubeConfig, DeleteConfig, DiscretiseConfig, FlipConfig, JitterConfig, JointNoiseConfig,
-    PartConfig, PoseConfig, Recipe, ReconnectConfig, RotateConfig, ScaleConfig, Shift, TrimConfig, TurnConfig,
+    PartConfig, PoseConfig, Recipe, ReconnectConfig, RotateConfig, ScaleConfig, Shift, TrimConfig, TurnConfig, about,
 };
 use riglab_core::{
     Collider, HumanBone, Humanoid, Joint, JointId, Mesh, Rig, Shape, Skeleton, SkinWeights, Spring, SpringJoint,
@@ -201,6 +201,31 @@ fn a_step_that_is_switched_off_does_not_change_what_others_draw() {
     let kept: Vec<_> = (0..20).map(|k| joints(&all, k)).collect();
     assert_eq!(kept, (0..20).map(|k| joints(&quiet, k)).collect::<Vec<_>>());
     assert!(kept.iter().any(|k| k.len() < rig.skeleton().len()));
+}
+
+#[test]
+fn turns_about_one_axis_do_not_change_those_about_another() {
+    let rig = creatures(1, 0..1, &Options::default()).remove(0).rig;
+    let turn = |degrees: &[f32]| TurnConfig { probability: 0.5, degrees: degrees.to_vec() };
+    let (quarters, none) = (turn(&[90.0, 180.0, 270.0]), turn(&[0.0]));
+    let world = |recipe: &Recipe, k| recipe.apply(rig.clone(), 4, &[k]).unwrap().motion.world.matrix3;
+    let cube = CubeConfig { enabled: false, ..CubeConfig::default() };
+    let plain = Recipe { cube, ..Recipe::default() };
+    let about_x = Recipe { turn_x: quarters.clone(), ..plain.clone() };
+    let about_y = Recipe { turn_y: quarters.clone(), ..plain.clone() };
+    let about_z = Recipe { turn_z: quarters, ..plain };
+    for k in 0..20 {
+        let with_x = |recipe: &Recipe| world(&Recipe { turn_x: none.clone(), ..recipe.clone() }, k);
+        let with_y = |recipe: &Recipe| world(&Recipe { turn_y: none.clone(), ..recipe.clone() }, k);
+        assert_eq!(world(&about_x, k), with_y(&about_x));
+        assert_eq!(world(&about_y, k), with_x(&about_y));
+        assert_eq!((world(&about_z, k), world(&about_z, k)), (with_x(&about_z), with_y(&about_z)));
+        // Runs that turned about y alone are repeated by these draws.
+        let mut random = stream(4, "augment turn", &[k]);
+        random.unit();
+        let angle = if random.chance(0.5) { [90.0, 180.0, 270.0][random.below(3)] } else { 0.0 };
+        assert_eq!(world(&about_y, k), about(1, -angle));
+    }
 }
 
 #[test]
