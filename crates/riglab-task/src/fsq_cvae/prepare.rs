@@ -3,6 +3,7 @@
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
+use riglab_augment::Normals;
 use riglab_core::{Asset, JointId, Mesh, Rig, Segment, SkinWeights, Vec3};
 use riglab_geom::{Blocks, SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
@@ -15,12 +16,14 @@ use super::region::{Regions, Surface};
 pub struct Prepared {
     /// The asset's name.
     pub name: String,
-    /// The rig in [-1, 1]³.
+    /// The rig in [-1, 1]³, or about there where augmentation has scaled and shifted it.
     pub rig: Rig,
     /// Normals at the vertices.
     pub normals: Vec<Vec3>,
     /// The joints that hold some vertex by more than [`threshold`]: what is encoded. Of every rig some.
     pub bones: Vec<Bone>,
+    /// Normals of the triangles where they are not those of the geometry.
+    faces: Option<Vec<Vec3>>,
     /// Running sums of triangle areas.
     areas: Vec<f64>,
     regions: OnceLock<Regions>,
@@ -112,7 +115,13 @@ impl Prepared {
         );
         let bones = bones.flatten_iter().collect();
         let (normals, areas) = (ground.normals.clone(), ground.sums.clone());
-        Self { name, bones, normals, areas, rig, regions: OnceLock::new(), prior: None }
+        Self { name, bones, normals, faces: None, areas, rig, regions: OnceLock::new(), prior: None }
+    }
+
+    /// With normals of augmentation, in place of those of the geometry; one a vertex, and one a triangle.
+    #[must_use]
+    pub fn with_normals(self, normals: Normals) -> Self {
+        Self { normals: normals.vertices, faces: Some(normals.triangles), ..self }
     }
 
     /// With what geometry alone says of its bones' weights.
@@ -144,6 +153,7 @@ impl Prepared {
             + 20 * mesh.triangles().len()
             + 8 * self.rig.weights().nonzero()
             + bones
+            + self.faces.as_ref().map_or(0, |faces| size_of_val(&faces[..]))
             + self.prior.as_ref().map_or(0, Prior::bytes)
     }
 
@@ -182,7 +192,8 @@ impl Prepared {
 
     fn on(&self, p: SurfacePoint) -> Point {
         let sampler = SurfaceSampler::with_sums(self.rig.mesh(), &self.areas);
-        Point { position: sampler.position(&p), normal: sampler.normal(&p), at: Place::Surface(p) }
+        let normal = self.faces.as_ref().map_or_else(|| sampler.normal(&p), |faces| faces[p.triangle as usize]);
+        Point { position: sampler.position(&p), normal, at: Place::Surface(p) }
     }
 
     /// A bone's weight at a point.

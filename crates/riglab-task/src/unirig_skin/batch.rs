@@ -107,7 +107,11 @@ impl BatchSource {
 fn varied(recipe: &Recipe, asset: Asset, seed: u64, key: &[u64]) -> Result<Prepared, String> {
     let varied = recipe.apply_in_cube(asset.rig.normalized().0, seed, key);
     let varied = varied.map_err(|e| format!("{}: {e}", asset.name))?;
-    Ok(Prepared::of(asset.name, varied.rig, false))
+    let prepared = Prepared::of(asset.name, varied.rig, false);
+    Ok(match varied.normals {
+        Some(normals) => prepared.with_normals(normals),
+        None => prepared,
+    })
 }
 
 /// With its size in bytes.
@@ -302,11 +306,12 @@ fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
-    use riglab_augment::PoseConfig;
+    use riglab_augment::{CubeConfig, JitterConfig, PoseConfig};
     use riglab_core::{Joint, Mesh, Rig, Skeleton, SkinWeights};
     use riglab_nn::skin_stage::{BoneInput, SkinModelConfig};
 
     use super::*;
+    use crate::fsq_cvae::Place;
     use crate::unirig_skin::config::{FreezeConfig, ReleasedConfig};
     use crate::unirig_skin::pairs::PairInput;
     use crate::unirig_skin::ready::Measured;
@@ -423,5 +428,33 @@ mod tests {
         assert_ne!(heads(&posed), heads(&of(&recipe, 1)));
         assert_eq!(own.rig.weights(), posed.rig.weights());
         assert!(posed.rig.mesh().positions().iter().flatten().all(|x| x.abs() <= 1.0 + 1e-6));
+    }
+
+    #[test]
+    fn points_have_the_normals_of_the_recipe_and_lie_where_it_leaves_them() {
+        let jitter = JitterConfig { probability: 1.0, sigma: 0.0, normal_sigma: 0.2, ..JitterConfig::default() };
+        let cube = CubeConfig { scale_probability: 1.0, scale: [0.5, 0.5], ..CubeConfig::default() };
+        let of = |recipe: Recipe| {
+            let asset = Asset {
+                name: "box".into(),
+                rig: long_box(),
+                clips: Vec::new(),
+                provenance: riglab_core::Provenance::default(),
+            };
+            let measured = Measured { resolution: 24, heat: true };
+            Ready::pooled(varied(&recipe, asset, 0, &[0]).unwrap(), 64, 0.5, measured, &mut stream(1, "test", &[]))
+        };
+        let (own, noisy) = (of(Recipe::default()), of(Recipe { jitter, ..Recipe::default() }));
+        let far = |(a, b): (&crate::fsq_cvae::Point, &crate::fsq_cvae::Point)| {
+            assert_eq!(a.position, b.position);
+            let along: f32 = a.normal.iter().zip(b.normal).map(|(x, y)| x * y).sum();
+            // Vertices of triangles that cancel out have no normal of the geometry.
+            assert!(along < 1.0 - 1e-6 && (along > 0.5 || matches!(a.at, Place::Vertex(_))), "{along}");
+        };
+        own.points.iter().zip(&noisy.points).for_each(far);
+        let small = of(Recipe { cube, ..Recipe::default() });
+        for (a, b) in small.points.iter().zip(&own.points) {
+            assert!(a.position.iter().zip(b.position).all(|(x, y)| (x - 0.5 * y).abs() < 1e-5));
+        }
     }
 }
