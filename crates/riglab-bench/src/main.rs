@@ -88,6 +88,8 @@ fn main() -> ExitCode {
 
 fn run(cli: &Cli) -> Result<ExitCode> {
     if let Some(case) = &cli.side {
+        // Of all cases: decoders, preparation and geometry share out their work by this pool.
+        rayon::ThreadPoolBuilder::new().num_threads(cli.threads).build_global()?;
         cases::serve(case)?;
         return Ok(ExitCode::SUCCESS);
     }

@@ -34,10 +34,10 @@ enum Reply {
 }
 
 impl Side {
-    /// riglab's side of a case: this program again.
-    pub fn ours(case: &str) -> Result<Self> {
+    /// riglab's side of a case: this program again. Whatever it computes takes no more than so many threads at a time.
+    pub fn ours(case: &str, threads: usize) -> Result<Self> {
         let mut command = Command::new(std::env::current_exe()?);
-        command.args(["--side", case]);
+        command.args(["--side", case, "--threads", &threads.to_string()]);
         Self::start("riglab", command)
     }
 

@@ -20,7 +20,7 @@ use serde_json::json;
 use super::Context;
 use crate::rounds::median;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const NAME: &str = "corpus/100000";
 const COUNT: usize = 100_000;
@@ -64,8 +64,8 @@ struct Opened {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let path = context.path("many.h5");
     let ask = json!({"do": "write", "path": path, "threads": context.threads});
-    let written: Written = Side::ours("corpus")?.ask(&ask)?;
-    let opened: Opened = Side::ours("corpus")?.ask(&json!({"do": "read", "path": path}))?;
+    let written: Written = context.ours("corpus")?.ask(&ask)?;
+    let opened: Opened = context.ours("corpus")?.ask(&json!({"do": "read", "path": path}))?;
     ensure!(written.costs.len() == COUNT / WINDOW && opened.assets.len() == READ, "not all was measured");
     if let Some(picture) = context.picture("corpus_100000.svg") {
         riglab_files::write(&picture, chart(&written).to_svg()?.as_bytes())?;

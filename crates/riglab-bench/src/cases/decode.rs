@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use super::Context;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 use crate::{node, recipe};
 
 /// Each chunk is decoded so often a round.
@@ -55,7 +55,7 @@ pub fn run(context: &mut Context, codec: Codec) -> Result<Vec<Row>> {
     if chunks.is_empty() {
         return Ok(vec![Row::skipped(name, format!("skipped: no file in {} is compressed so", rigs.display()))]);
     }
-    let (mut ours, mut theirs) = (Side::ours("decode")?, node::start("Node", "decode.mjs")?);
+    let (mut ours, mut theirs) = (context.ours("decode")?, node::start("Node", "decode.mjs")?);
     for side in [&mut ours, &mut theirs] {
         side.ask::<Value>(&json!({"do": "load", "chunks": chunks}))?;
     }

@@ -18,7 +18,7 @@ use crate::python::ARRAYS;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 3;
 /// Rigs compared by both sides; all pairs of many more take minutes.
@@ -36,7 +36,7 @@ struct Found {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped("curate/dedup", recipe::NO_RIGS)]) };
     let path = context.path("shapes.i32");
-    let (mut ours, mut theirs) = (Side::ours("dedup")?, ARRAYS.start("dedup.py")?);
+    let (mut ours, mut theirs) = (context.ours("dedup")?, ARRAYS.start("dedup.py")?);
     let columns: usize = ours.ask(&json!({"do": "make", "rigs": rigs, "path": path, "count": RIGS}))?;
     theirs.ask::<usize>(&json!({"do": "load", "path": path, "columns": columns}))?;
     let find = json!({"do": "find", "count": RIGS});

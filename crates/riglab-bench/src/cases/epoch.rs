@@ -28,7 +28,7 @@ use crate::python::TORCH;
 use crate::recipe;
 use crate::rounds::{in_turn, median};
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const NAME: &str = "epoch/fsq_cvae";
 /// Epochs of each run.
@@ -63,7 +63,7 @@ struct Epoch {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(NAME, recipe::NO_RIGS)]) };
     let weights = context.path("epoch.safetensors");
-    let (mut ours, mut theirs) = (Side::ours("epoch")?, TORCH.start("epoch.py")?);
+    let (mut ours, mut theirs) = (context.ours("epoch")?, TORCH.start("epoch.py")?);
     let Opened { steps, precision } =
         ours.ask(&json!({"do": "open", "file": weights, "corpus": corpus, "threads": context.threads}))?;
     let config = config(&corpus, steps, precision)?;

@@ -19,7 +19,7 @@ use crate::python::ARRAYS;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 5;
 
@@ -27,7 +27,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped("export", recipe::NO_RIGS)]) };
     let folder = context.path("export");
     std::fs::create_dir_all(&folder)?;
-    let (mut ours, mut theirs) = (Side::ours("export")?, ARRAYS.start("export_arrays.py")?);
+    let (mut ours, mut theirs) = (context.ours("export")?, ARRAYS.start("export_arrays.py")?);
     let written: Vec<PathBuf> = ours.ask(&json!({"do": "load", "files": rigged_files(&rigs)?, "folder": folder}))?;
     ensure!(!written.is_empty(), "no file gives a rig");
     theirs.ask::<usize>(&json!({"do": "load", "files": written}))?;

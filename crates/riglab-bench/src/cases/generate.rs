@@ -59,7 +59,7 @@ pub fn run<S: Subject>(context: &mut Context, rows: usize) -> Result<Vec<Row>> {
     let label = format!("generate/{}/b{rows}", S::NAME);
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
     let file = context.path(&format!("generate-{}-{rows}.safetensors", S::NAME));
-    let (mut ours, mut theirs) = (Side::ours(S::SIDES[1])?, TRANSFORMERS.start(S::DRAWS)?);
+    let (mut ours, mut theirs) = (context.ours(S::SIDES[1])?, TRANSFORMERS.start(S::DRAWS)?);
     let open = json!({"do": "open", "file": file, "corpus": corpus, "rows": rows, "threads": context.threads});
     let known: Opened = ours.ask(&open)?;
     let tokenizer = Tokenizer::new(known.tokenizer);

@@ -19,7 +19,7 @@ use super::Context;
 use crate::python::SAMPLES;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 3;
 
@@ -43,8 +43,9 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     for (name, resolution, vertices, bones) in [("geodesic/196", 196, 20_000, 60), ("geodesic/128", 128, 4_000, 50)] {
         let folder = context.path(&name.replace('/', "-"));
         std::fs::create_dir_all(&folder)?;
-        let (mut ours, mut theirs) = (Side::ours("geodesic")?, SAMPLES.start("geodesic.py")?);
-        let load = json!({"do": "load", "folder": folder, "resolution": resolution, "vertices": vertices, "bones": bones, "threads": context.threads});
+        let (mut ours, mut theirs) = (context.ours("geodesic")?, SAMPLES.start("geodesic.py")?);
+        let load =
+            json!({"do": "load", "folder": folder, "resolution": resolution, "vertices": vertices, "bones": bones});
         let body: Loaded = ours.ask(&load)?;
         theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "cell": body.cell}))?;
         let ask = json!({"do": "distances"});
@@ -68,7 +69,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 enum Request {
-    Load { folder: PathBuf, resolution: usize, vertices: usize, bones: usize, threads: usize },
+    Load { folder: PathBuf, resolution: usize, vertices: usize, bones: usize },
     Distances,
 }
 
@@ -76,9 +77,8 @@ enum Request {
 pub fn serve() -> Result<()> {
     let mut loaded: Option<(Rig, Voxels, usize)> = None;
     side::serve(|request| match request {
-        Request::Load { folder, resolution, vertices, bones, threads } => {
+        Request::Load { folder, resolution, vertices, bones } => {
             let rig = of_size(vertices, bones)?;
-            let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
             let start = Instant::now();
             let voxels = solid(rig.mesh(), &SolidConfig { resolution, ..SolidConfig::DEFAULT });
             let voxels_ms = 1e3 * start.elapsed().as_secs_f64();

@@ -24,7 +24,7 @@ use super::subject::{Subject, open_tokenrig};
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 /// Sequences of a group, and how many times one it may take.
 const GROUP: (usize, f64) = (24, 6.0);
@@ -39,7 +39,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let (count, times) = GROUP;
     let label = format!("group{count}/tokenrig");
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
-    let mut ours = Side::ours("group")?;
+    let mut ours = context.ours("group")?;
     let _: usize = ours.ask(&json!({"do": "open", "corpus": corpus, "threads": context.threads}))?;
     let (mut seed, mut tokens) = (0, [0usize; 2]);
     let mut draw = |samples: usize| -> Result<f64> {

@@ -102,7 +102,7 @@ struct Told {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(LABEL, recipe::NO_RIGS)]) };
     let file = context.path("grpo.safetensors");
-    let (mut ours, mut theirs) = (Side::ours("grpo")?, TRANSFORMERS.start("grpo.py")?);
+    let (mut ours, mut theirs) = (context.ours("grpo")?, TRANSFORMERS.start("grpo.py")?);
     let a: Opened = ours.ask(&json!({"do": "open", "file": file, "corpus": corpus, "threads": context.threads}))?;
     let tokenizer = Tokenizer::new(a.tokenizer);
     let mut vocabulary = named(tokenizer.vocabulary());
@@ -222,7 +222,6 @@ pub fn serve() -> Result<()> {
     side::serve(|request| match (request, &mut training, &mut settings) {
         (Request::Open { file, corpus, threads }, training, settings) => {
             riglab_torch::init(riglab_torch::Settings { threads });
-            let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
             let config = recipe::grpo(&corpus)?;
             ensure!((config.rollout.meshes, config.rollout.group) == (1, GROUP), "the recipe has another group");
             let (made, opened) = open(&config, &corpus, &file)?;

@@ -37,7 +37,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped("import", recipe::NO_RIGS)]) };
     let every = rigged_files(&rigs)?;
     let files = if context.all { every.clone() } else { sample(&every, SAMPLE) };
-    let (mut ours, mut theirs) = (Side::ours("import")?, BLENDER.start("import_gltf.py")?);
+    let (mut ours, mut theirs) = (context.ours("import")?, BLENDER.start("import_gltf.py")?);
     // The first time fills the page cache, and finds files that a side refuses.
     let one = json!({"do": "read", "files": files, "threads": 1});
     let (a, b): (Read, Read) = (ours.ask(&one)?, theirs.ask(&json!({"do": "read", "files": files}))?);

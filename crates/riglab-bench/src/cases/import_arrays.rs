@@ -15,7 +15,6 @@ use crate::python::ARRAYS;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::Side;
 
 /// Rounds over all files: 311 files four times are the thousand imports of the bar.
 const ROUNDS: usize = 4;
@@ -23,7 +22,7 @@ const ROUNDS: usize = 4;
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(rigs) = recipe::rigs() else { return Ok(vec![Row::skipped("import/trimesh", recipe::NO_RIGS)]) };
     let every = rigged_files(&rigs)?;
-    let (mut ours, mut theirs) = (Side::ours("import")?, ARRAYS.start("import_arrays.py")?);
+    let (mut ours, mut theirs) = (context.ours("import")?, ARRAYS.start("import_arrays.py")?);
     let mut rows = Vec::new();
     for reader in ["trimesh", "pygltflib"] {
         // The first time fills the page cache, and finds files that a side refuses.

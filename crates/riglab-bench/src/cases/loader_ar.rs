@@ -25,7 +25,7 @@ use crate::python::SAMPLES;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const NAME: &str = "loader/ar";
 /// How far the mean lengths of sequences may be apart, as a share: draws differ.
@@ -40,7 +40,7 @@ struct Made {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(NAME, recipe::NO_RIGS)]) };
     let workers = context.threads;
-    let (mut ours, mut theirs) = (Side::ours("loader_ar")?, SAMPLES.start("loader_ar.py")?);
+    let (mut ours, mut theirs) = (context.ours("loader_ar")?, SAMPLES.start("loader_ar.py")?);
     let count: usize = ours.ask(&json!({"do": "load", "corpus": corpus, "workers": workers}))?;
     let assets = theirs.ask::<usize>(&json!({"do": "load", "path": corpus, "workers": workers}))?;
     ensure!(assets >= count, "{assets} assets against {count}");

@@ -46,8 +46,8 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
             "vocabulary": SKELETON as i64 + LEVELS.iter().product::<i64>() + 1, "tokens": TOKENS, "points": POINTS});
         side.ask(&request)
     };
-    let again = ask(Side::ours("memory")?, true)?;
-    let kept = ask(Side::ours("memory")?, false)?;
+    let again = ask(context.ours("memory")?, true)?;
+    let kept = ask(context.ours("memory")?, false)?;
     // Scored in runs, the sums differ by rounding.
     ensure!((again.loss - kept.loss).abs() < 1e-3 * kept.loss, "losses {} and {}", again.loss, kept.loss);
     let note = |found: &Found| format!("{:.0} MB before the passes, {:.1} s", found.before, found.seconds);

@@ -21,7 +21,7 @@ use super::Context;
 use crate::python::SAMPLES;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 3;
 const ASSETS: u64 = 270;
@@ -54,8 +54,8 @@ struct Pair {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let folder = context.path("metrics");
     std::fs::create_dir_all(&folder)?;
-    let (mut ours, mut theirs) = (Side::ours("metrics")?, SAMPLES.start("metrics.py")?);
-    let loaded: Loaded = ours.ask(&json!({"do": "load", "folder": folder, "threads": context.threads}))?;
+    let (mut ours, mut theirs) = (context.ours("metrics")?, SAMPLES.start("metrics.py")?);
+    let loaded: Loaded = ours.ask(&json!({"do": "load", "folder": folder}))?;
     theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "counts": loaded.counts}))?;
     let ask = json!({"do": "score"});
     let (a, b): (Scored, Scored) = (ours.ask(&ask)?, theirs.ask(&ask)?);
@@ -93,7 +93,7 @@ fn compare(a: &Scored, b: &Scored) -> Result<usize> {
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 enum Request {
-    Load { folder: PathBuf, threads: usize },
+    Load { folder: PathBuf },
     Score,
 }
 
@@ -101,8 +101,7 @@ enum Request {
 pub fn serve() -> Result<()> {
     let mut pairs: Option<Vec<Pair>> = None;
     side::serve(|request| match request {
-        Request::Load { folder, threads } => {
-            let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        Request::Load { folder } => {
             let made: Vec<Pair> = (0..ASSETS).map(pair).collect();
             let counts = store(&made, &folder)?;
             pairs = Some(made);

@@ -40,6 +40,7 @@ use riglab_train::Precision;
 
 use crate::recipe;
 use crate::row::Row;
+use crate::side::Side;
 
 /// A benchmark.
 pub struct Case {
@@ -357,6 +358,11 @@ impl Context {
     /// A path for a picture, where pictures are wanted.
     pub fn picture(&self, name: &str) -> Option<PathBuf> {
         self.pictures.as_ref().map(|folder| folder.join(name))
+    }
+
+    /// riglab's side of a case, with as many threads as this run has.
+    pub fn ours(&self, case: &str) -> Result<Side> {
+        Side::ours(case, self.threads)
     }
 
     /// The corpus of the rigs, made the first time; `None` without rigs.

@@ -23,7 +23,7 @@ use super::training::{Plan, Training, compared};
 use crate::python::TRANSFORMERS;
 use crate::recipe;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 /// Batches that steps go through in turn: about an epoch of the rigs.
 const BATCHES: usize = 16;
@@ -60,7 +60,7 @@ pub fn run<S: Subject>(context: &mut Context, kind: Kind) -> Result<Vec<Row>> {
     };
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped(label, recipe::NO_RIGS)]) };
     let file = context.path(&format!("{}.safetensors", label.replace('/', "-")));
-    let mut ours = Side::ours(S::SIDES[0])?;
+    let mut ours = context.ours(S::SIDES[0])?;
     let open = json!({"do": "open", "file": file, "corpus": corpus, "precision": precision, "kind": kind,
                       "threads": context.threads});
     let a: Opened = ours.ask(&open)?;

@@ -18,7 +18,7 @@ use super::geodesic::of_size;
 use crate::python::SAMPLES;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 3;
 /// Rigs of a group, SkinTokens' G.
@@ -41,8 +41,8 @@ struct Scored {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let folder = context.path("rewards");
     std::fs::create_dir_all(&folder)?;
-    let (mut ours, mut theirs) = (Side::ours("rewards")?, SAMPLES.start("rewards.py")?);
-    let mesh: Loaded = ours.ask(&json!({"do": "load", "folder": folder, "threads": context.threads}))?;
+    let (mut ours, mut theirs) = (context.ours("rewards")?, SAMPLES.start("rewards.py")?);
+    let mesh: Loaded = ours.ask(&json!({"do": "load", "folder": folder}))?;
     let config = RewardConfig::default();
     theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "joints": mesh.joints, "config": config}))?;
     let ask = json!({"do": "score"});
@@ -68,7 +68,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
 #[derive(Deserialize)]
 #[serde(tag = "do", rename_all = "snake_case")]
 enum Request {
-    Load { folder: PathBuf, threads: usize },
+    Load { folder: PathBuf },
     Score,
 }
 
@@ -76,8 +76,7 @@ enum Request {
 pub fn serve() -> Result<()> {
     let mut loaded: Option<(Rig, Vec<Option<Candidate>>)> = None;
     side::serve(|request| match request {
-        Request::Load { folder, threads } => {
-            let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        Request::Load { folder } => {
             let rig = of_size(VERTICES, 50)?;
             let group = (0..GROUP).map(|k| varied(&rig, k)).collect::<Result<Vec<_>>>()?;
             let cells = store(&rig, &group, &folder)?;

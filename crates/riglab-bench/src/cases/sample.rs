@@ -19,7 +19,7 @@ use super::Context;
 use crate::python::ARRAYS;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const ROUNDS: usize = 7;
 /// Points of a cloud.
@@ -48,7 +48,7 @@ struct Drawn {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let folder = context.path("sample");
     std::fs::create_dir_all(&folder)?;
-    let (mut ours, mut theirs) = (Side::ours("sample")?, ARRAYS.start("sample.py")?);
+    let (mut ours, mut theirs) = (context.ours("sample")?, ARRAYS.start("sample.py")?);
     let mesh: Loaded = ours.ask(&json!({"do": "load", "folder": folder}))?;
     theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "joints": mesh.joints}))?;
     let per_cloud = |drawn: Drawn| 1e3 * drawn.seconds / TIMES as f64;

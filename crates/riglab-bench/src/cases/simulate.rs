@@ -18,7 +18,7 @@ use super::Context;
 use crate::node;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const FRAMES: usize = 300;
 const SECONDS: f64 = 1.0 / 60.0;
@@ -39,7 +39,7 @@ struct Played {
 
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let rig = rig()?;
-    let (mut ours, mut theirs) = (Side::ours("simulate")?, node::start("Node", "simulate.mjs")?);
+    let (mut ours, mut theirs) = (context.ours("simulate")?, node::start("Node", "simulate.mjs")?);
     for side in [&mut ours, &mut theirs] {
         side.ask::<Value>(&json!({"do": "load", "scene": scene(&rig)}))?;
     }

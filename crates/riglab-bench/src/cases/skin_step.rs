@@ -18,7 +18,7 @@ use super::training::{Plan, Training, compared};
 use crate::python::TRANSFORMERS;
 use crate::recipe;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 const LABEL: &str = "step/unirig_skin/fp32";
 /// Batches that steps go through in turn.
@@ -33,7 +33,7 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
         return Ok(vec![Row::skipped(LABEL.to_string(), recipe::NO_RIGS)]);
     };
     let file = context.path("step-unirig_skin.safetensors");
-    let mut ours = Side::ours("skin_step")?;
+    let mut ours = context.ours("skin_step")?;
     let open = json!({"do": "open", "file": file, "corpus": corpus, "threads": context.threads});
     let a: Vec<f64> = ours.ask(&open)?;
     let config = recipe::unirig_skin(&corpus)?;

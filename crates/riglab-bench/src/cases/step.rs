@@ -85,7 +85,7 @@ fn measure(context: &Context, corpus: &Path, precision: Precision) -> Result<Tim
         json!({"do": "open", "file": file, "config": config, "precision": name(precision),
                "threads": context.threads, "fused": fused, "compile": compile})
     };
-    let mut ours = Side::ours("step")?;
+    let mut ours = context.ours("step")?;
     let a: Vec<f64> = ours.ask(&json!({"do": "open", "file": file, "corpus": corpus, "precision": precision,
                                        "threads": context.threads}))?;
     // What only has to be known once is found out by a process whose memory does not count.

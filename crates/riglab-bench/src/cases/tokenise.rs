@@ -18,7 +18,7 @@ use crate::python::ARRAYS;
 use crate::recipe;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side::{self, Side};
+use crate::side;
 
 /// How often ours goes over all skeletons in a round; theirs takes long enough with one.
 const TIMES: usize = 20;
@@ -51,7 +51,7 @@ fn released() -> TokenizerConfig {
 pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let Some(corpus) = context.corpus()? else { return Ok(vec![Row::skipped("tokenise", recipe::NO_RIGS)]) };
     let file = context.path("skeletons.json");
-    let (mut ours, mut theirs) = (Side::ours("tokenise")?, ARRAYS.start("unirig_tokens.py")?);
+    let (mut ours, mut theirs) = (context.ours("tokenise")?, ARRAYS.start("unirig_tokens.py")?);
     let a: Vec<Vec<u32>> = ours.ask(&json!({"do": "open", "corpus": corpus, "file": file}))?;
     let tokenizer = Tokenizer::new(released());
     let (ids, templates) = named(&tokenizer);
