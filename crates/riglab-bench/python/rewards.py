@@ -1,6 +1,7 @@
 """The four geometric rewards of SkinTokens for rigs of one mesh, by numpy and scipy, vectorised."""
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,11 +11,12 @@ from serve import serve
 
 
 class Scorer:
-    """A mesh made ready: its cells and edges, and the poses [p, j, 3] that rigs are tried in."""
+    """A mesh made ready: its cells and edges, and the poses [p, j, 3] that rigs are tried in; `threads` look for joints."""
 
-    def __init__(self, vertices, faces, cells, lattice, turns, config):
+    def __init__(self, vertices, faces, cells, lattice, turns, config, threads=1):
         self.config, self.turns, self.corner, self.cell = config, turns, lattice[:3], lattice[3]
         low, high = vertices.min(0), vertices.max(0)
+        self.threads = threads
         self.middle, self.scale = (low + high) / 2, 2 / (high - low).max()
         self.vertices = self.unit(vertices)
         edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
@@ -38,7 +40,7 @@ class Scorer:
         ]
 
     def coverage(self, heads):
-        d, _ = cKDTree(heads).query(self.centers)
+        d, _ = cKDTree(heads).query(self.centers, workers=self.threads)
         return np.exp(-self.config["alpha"] * d / self.cell).mean()
 
     def containment(self, heads, parents):
@@ -77,7 +79,7 @@ class Scorer:
 
 
 class Side:
-    def load(self, folder, joints, config):
+    def load(self, folder, joints, config, threads):
         """Arrays that riglab's side wrote; the number of rigs."""
         read = lambda name, kind, *shape: np.fromfile(f"{folder}/{name}", kind).reshape(*shape)
         self.parents = read("parents.i64", np.int64, -1)
@@ -91,13 +93,15 @@ class Side:
             "turns": read("turns.f64", np.float64, -1, joints, 3),
             "config": config,
         }
+        self.threads, self.pool = threads, ThreadPoolExecutor(threads)
         return len(self.heads)
 
-    def score(self):
-        """Seconds, and the rewards by rig."""
+    def score(self, pooled):
+        """Seconds, and the rewards by rig; `pooled`: rigs side by side, else threads within each."""
         start = time.perf_counter()
-        scorer = Scorer(**self.mesh)
-        rewards = [scorer.score(heads, self.parents, self.weights) for heads in self.heads]
+        scorer = Scorer(**self.mesh, threads=1 if pooled else self.threads)
+        each = self.pool.map if pooled else map
+        rewards = list(each(lambda heads: scorer.score(heads, self.parents, self.weights), self.heads))
         return {"seconds": time.perf_counter() - start, "rewards": rewards}
 
 

@@ -1,7 +1,8 @@
 //! The four rewards of a group of 24 rigs of one mesh, against the same by numpy.
 //!
-//! Both get the same cells, edges, rigs and poses, as arrays; ours voxelises the mesh as well, theirs does not have
-//! to. Rewards are compared.
+//! Both get the same cells, edges, rigs and poses, as arrays, and the same threads; ours voxelises the mesh as well,
+//! theirs does not have to. Rewards are compared. Theirs shares rigs out among its threads, or takes one after the other
+//! and lets numpy and scipy use the threads: whichever is faster here.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -18,7 +19,7 @@ use super::geodesic::of_size;
 use crate::python::SAMPLES;
 use crate::rounds::in_turn;
 use crate::row::{Better, Row};
-use crate::side;
+use crate::side::{self, Side};
 
 const ROUNDS: usize = 3;
 /// Rigs of a group, SkinTokens' G.
@@ -44,25 +45,42 @@ pub fn run(context: &mut Context) -> Result<Vec<Row>> {
     let (mut ours, mut theirs) = (context.ours("rewards")?, SAMPLES.start("rewards.py")?);
     let mesh: Loaded = ours.ask(&json!({"do": "load", "folder": folder}))?;
     let config = RewardConfig::default();
-    theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "joints": mesh.joints, "config": config}))?;
-    let ask = json!({"do": "score"});
-    let (a, b): (Scored, Scored) = (ours.ask(&ask)?, theirs.ask(&ask)?);
+    theirs.ask::<usize>(&json!({"do": "load", "folder": folder, "joints": mesh.joints, "config": config,
+                                "threads": context.threads}))?;
+    let pooled = pool_is_faster(&mut theirs)?;
+    let (ask, other) = (json!({"do": "score"}), json!({"do": "score", "pooled": pooled}));
+    let (a, b): (Scored, Scored) = (ours.ask(&ask)?, theirs.ask(&other)?);
     let pairs = a.rewards.as_flattened().iter().zip(b.rewards.as_flattened());
     let apart = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     ensure!(a.rewards.len() == b.rewards.len() && apart < 1e-5, "rewards are {apart:e} apart");
     let found = in_turn(
         context.rounds(ROUNDS),
         || Ok(ours.ask::<Scored>(&ask)?.seconds),
-        || Ok(theirs.ask::<Scored>(&ask)?.seconds),
+        || Ok(theirs.ask::<Scored>(&other)?.seconds),
     )?;
     let (a, b) = found.medians();
     let Loaded { vertices, joints, cells } = mesh;
     let note = format!(
-        "{} threads, {vertices} vertices, {joints} joints, {cells} cells; rewards {apart:.0e} apart; {}",
+        "{} threads, {vertices} vertices, {joints} joints, {cells} cells; rewards {apart:.0e} apart; theirs takes {}, the \
+         faster one; {}",
         context.threads,
+        if pooled { "rigs side by side" } else { "one rig after the other, with threads within each" },
         found.spread()
     );
     Ok(vec![Row::new("rewards/24", a, b, "s", Better::Lower).bar(20.0).note(note)])
+}
+
+/// Whether the other side is faster with its rigs shared out among threads.
+fn pool_is_faster(theirs: &mut Side) -> Result<bool> {
+    let mut best = [f64::INFINITY; 2];
+    for _ in 0..2 {
+        for pooled in [true, false] {
+            let found: Scored = theirs.ask(&json!({"do": "score", "pooled": pooled}))?;
+            let best = &mut best[usize::from(pooled)];
+            *best = best.min(found.seconds);
+        }
+    }
+    Ok(best[1] <= best[0])
 }
 
 #[derive(Deserialize)]
