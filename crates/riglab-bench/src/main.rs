@@ -31,8 +31,8 @@ use row::Row;
 /// riglab against what it replaces, both sides in turn.
 ///
 /// A ratio above 1 means that riglab is better. Exit code 0 when everything was measured (the table
-/// says which bars were missed), 1 when a case failed, 2 for wrong use. A case without its data is
-/// skipped with a message.
+/// says which bars were missed), 1 when a case failed, 2 for wrong use. A case without its data, or
+/// that of MPI without MPI, is skipped with a message.
 #[derive(Parser)]
 #[command(
     name = "cargo xtask bench",

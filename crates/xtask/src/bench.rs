@@ -8,7 +8,7 @@ use crate::{mpi, shell};
 
 /// Runs the benchmarks named in `args`.
 pub fn run(args: &[String]) -> Result<()> {
-    if args.iter().any(|name| name.starts_with("mpi")) {
+    if names(args).any(|name| name.starts_with("mpi")) {
         // It starts the program itself as several processes.
         mpi::prepare()?;
         shell::cargo(&["build", "--release", "--workspace", "--features", "riglab/mpi"])?;
@@ -18,4 +18,37 @@ pub fn run(args: &[String]) -> Result<()> {
     let mut all = vec!["run", "--release", "--package", "riglab-bench", "--"];
     all.extend(args.iter().map(String::as_str));
     shell::cargo(&all)
+}
+
+/// The benchmarks' options whose next word is a value.
+const VALUED: [&str; 4] = ["--json", "--pictures", "--threads", "--rounds"];
+
+/// The words that name cases.
+fn names(args: &[String]) -> impl Iterator<Item = &str> {
+    let before = std::iter::once("").chain(args.iter().map(String::as_str));
+    let words = args.iter().map(String::as_str).zip(before);
+    words.filter(|(word, before)| !word.starts_with('-') && !VALUED.contains(before)).map(|(word, _)| word)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::names;
+
+    #[test]
+    fn values_of_options_name_no_case() {
+        let of = |line: &str| {
+            let args: Vec<String> = line.split(' ').map(String::from).collect();
+            names(&args).map(String::from).collect::<Vec<_>>()
+        };
+        assert_eq!(of("step --json mpi.json --no-compile mpi/2ranks"), ["step", "mpi/2ranks"]);
+        assert_eq!(of("--json=mpi.json --threads 2 m"), ["m"]);
+        // Each option of the benchmarks that takes a value is known here.
+        let cli = include_str!("../../riglab-bench/src/main.rs");
+        let fields = cli.split("struct Cli {").nth(1).and_then(|rest| rest.split("\n}").next()).unwrap_or_default();
+        let options = fields.split("#[arg(long").skip(1).filter(|field| !field.contains(": bool"));
+        let field = |text: &str| Some(text.split(")]").nth(1)?.trim().split(':').next()?.to_owned());
+        let told: Vec<String> = options.filter(|f| !f.contains("hide")).filter_map(field).collect();
+        assert_eq!(told.len(), super::VALUED.len(), "{told:?}");
+        assert!(told.iter().all(|name| super::VALUED.contains(&&*format!("--{name}"))), "{told:?}");
+    }
 }
