@@ -30,6 +30,11 @@ impl Rounds {
 /// the side whose turn it is.
 const REST: std::time::Duration = std::time::Duration::from_millis(150);
 
+/// How long both sides rest in so many rounds.
+pub fn rested(rounds: usize) -> std::time::Duration {
+    2 * rounds as u32 * REST
+}
+
 /// Asks both sides in turn, each after a rest; who is first changes from round to round.
 pub fn in_turn(
     rounds: usize,
@@ -80,7 +85,10 @@ mod tests {
                 Ok(1.0)
             }
         };
+        let start = std::time::Instant::now();
         in_turn(3, side('o'), side('t')).unwrap();
         assert_eq!(*order.borrow(), "ottoot");
+        // Nearly all of this was rest.
+        assert!(rested(3) == 6 * REST && start.elapsed() >= rested(3));
     }
 }

@@ -142,7 +142,8 @@ fn compiled(context: &Context, label: &str, ours: &mut Side, open: &Value) -> Ro
         let plan = Plan { batches: BATCHES, rounds: context.rounds(5), compared: COMPARED };
         let found = lockstep(ours, &mut theirs, plan, COMPILE_LIMIT).context("torch.compile")?;
         let (a, b) = found.wall.medians();
-        let compiling = start.elapsed().as_secs_f64() - 1e-3 * (a + b) * found.steps as f64;
+        let busy = start.elapsed().saturating_sub(found.rested).as_secs_f64();
+        let compiling = (busy - 1e-3 * (a + b) * found.steps as f64).max(0.0);
         let note =
             format!("the network in torch.compile, about {compiling:.0} s of compiling; {}", found.wall.spread());
         Ok(Row::new(label, a, b, "ms/step", Better::Lower).note(note))

@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use tch::{Kind, Tensor};
 
-use crate::rounds::{Rounds, in_turn};
+use crate::rounds::{Rounds, in_turn, rested};
 use crate::row::{Better, Row};
 use crate::side::{self, PATIENCE, Side};
 
@@ -53,6 +53,8 @@ pub struct Lockstep {
     pub compared: [f64; 2],
     /// Steps in all.
     pub steps: usize,
+    /// How long both sides rested between them.
+    pub rested: Duration,
 }
 
 /// Lets both sides take steps in turn, one at a time. Values are means over the batches, one a pass. The other
@@ -83,6 +85,7 @@ pub fn lockstep(ours: &mut Side, theirs: &mut Side, plan: Plan, limit: Duration)
         compared: [&losses.ours, &losses.theirs]
             .map(|l| l.iter().take(compared).next_back().copied().unwrap_or(f64::NAN)),
         steps: (WARM_UP + rounds) * batches,
+        rested: rested(rounds * batches),
     })
 }
 
