@@ -189,9 +189,16 @@ mod tests {
         all
     }
 
+    /// A biped whose twist joints would end in its knees and elbows, and a plant of which two branches would grow in one
+    /// place.
+    fn crowded() -> [Asset; 2] {
+        let of = |plan, seed, index, triangles| creature(seed, index, &Options { plans: vec![plan], triangles });
+        [of(Plan::Biped, 9, 133, 1_000..=14_000), of(Plan::Prop, 22, 32, 500..=900)]
+    }
+
     #[test]
     fn every_joint_moves_something_and_stands_alone() {
-        for asset in some().iter().chain(&fixtures()) {
+        for asset in some().iter().chain(&fixtures()).chain(&crowded()) {
             let (rig, skeleton) = (&asset.rig, asset.rig.skeleton());
             let mut held = vec![0.0; skeleton.len()];
             (0..rig.weights().rows()).flat_map(|v| rig.weights().row(v)).for_each(|(j, w)| held[j.index()] += w);

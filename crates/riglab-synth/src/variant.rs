@@ -2,12 +2,15 @@
 //! flesh.
 
 use glam::Vec3;
-use riglab_core::JointId;
+use riglab_core::{Joint, JointId};
 
 use crate::body::Body;
 use crate::dice::Dice;
 use crate::part::Ring;
 use crate::piece::{Loft, Piece};
+
+/// Share of a creature's size that joints are apart at least.
+const APART: f32 = 0.004;
 
 impl Body {
     /// The body as one creature of its plan among many.
@@ -49,14 +52,17 @@ impl Body {
     }
 
     /// Gives each joint without children one at the tip of what it holds, as exporters that write
-    /// bones' tails do.
+    /// bones' tails do; but none where flesh goes on from there, as from a twist joint to the forearm, or where another
+    /// joint is: two joints in one place are hard to tell apart.
     fn add_ends(&mut self) {
         let mut is_leaf = vec![true; self.joints.len()];
         self.joints.iter().filter_map(|joint| joint.parent).for_each(|p| is_leaf[p.index()] = false);
+        self.grown.iter().for_each(|&(_, from)| is_leaf[from.index()] = false);
         let size = self.size();
         for leaf in (0..is_leaf.len()).filter(|&j| is_leaf[j]).map(|j| JointId(j as u16)) {
             let Some(tip) = self.tip(leaf) else { continue };
-            if tip.distance(self.at(leaf)) > 0.01 * size {
+            let away = |joint: &Joint| tip.distance(joint.head.into());
+            if away(&self.joints[leaf.index()]) > 0.01 * size && self.joints.iter().all(|j| away(j) > APART * size) {
                 let name = format!("{}_end", self.joints[leaf.index()].name);
                 self.joint(leaf, name, tip);
             }

@@ -86,12 +86,17 @@ fn plant(dice: &mut Dice) -> Body {
     }
     body.flesh(&stem, &nodes, Vec3::X);
     let leaves = dice.chance(0.5);
+    let mut grown = Vec::new();
     for k in 0..dice.count(2, 10) {
         let t = dice.between(0.35, 1.0) * n as f32;
         let on = (t as usize).min(n - 1);
-        let root = nodes[on].at + (nodes[on + 1].at - nodes[on].at) * (t - on as f32).clamp(0.08, 0.95);
+        let share = (t - on as f32).clamp(0.08, 0.95);
         let out = direction(137.5 * k as f32, dice.between(-5.0, 50.0));
         let length = dice.between(0.2, 0.4) * tall;
+        let place = |share: f32| nodes[on].at + (nodes[on + 1].at - nodes[on].at) * share;
+        let taken = |root: Vec3| grown.iter().any(|other: &Vec3| other.distance(root) < APART * tall);
+        let root = shares(share).map(place).find(|&root| leaves || !taken(root)).unwrap_or(place(share));
+        grown.push(root);
         if leaves {
             leaf(&mut body, stem[on], k, root, out, length);
         } else {
@@ -101,6 +106,15 @@ fn plant(dice: &mut Dice) -> Body {
         }
     }
     body
+}
+
+/// How far apart branches grow at least, as a share of the plant's height; leaves begin a little away from the stem.
+const APART: f32 = 0.0025;
+
+/// A share of a piece of the stem, and others all along it for where that is taken.
+fn shares(first: f32) -> impl Iterator<Item = f32> {
+    // By the golden ratio each new one falls into the widest gap.
+    std::iter::once(first).chain((1..64).map(|k: u8| 0.08 + 0.87 * (0.618_034 * f32::from(k)).fract()))
 }
 
 /// A leaf of two joints, open, one layer.
