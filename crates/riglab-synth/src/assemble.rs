@@ -9,7 +9,7 @@ use crate::cells::{Cells, Sizes};
 use crate::field::Field;
 use crate::net::{Polygon, polygons};
 use crate::part::Part;
-use crate::piece::PieceMesh;
+use crate::piece::{Limits, PieceMesh};
 use crate::skin::{self, Row};
 use crate::springs::springs;
 use crate::surface::{Surface, components};
@@ -157,7 +157,8 @@ fn sizes(body: &Body, finish: &Finish, scale: f32, care: &[f32]) -> Sizes {
 }
 
 fn pieces<'a>(body: &'a Body, finish: &'a Finish, scale: f32) -> impl Iterator<Item = PieceMesh> + 'a {
-    body.pieces.iter().map(move |p| p.mesh(0.75 * scale * pow(p.scale(), finish.adaption)))
+    let limits = Limits::of(finish.target);
+    body.pieces.iter().map(move |p| p.mesh(0.75 * scale * pow(p.scale(), finish.adaption), limits))
 }
 
 /// The skin's vertices and triangles come first.

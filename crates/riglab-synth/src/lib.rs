@@ -177,6 +177,12 @@ mod tests {
                 }
             }
         }
+        // Made of pieces alone, which are divided as far as it takes.
+        for (plan, index) in [(Plan::Fixture, 4), (Plan::Prop, 9), (Plan::Machine, 0)] {
+            let made = creature(2, index, &Options { plans: vec![plan], triangles: 50_000..=50_000 });
+            let triangles = made.rig.mesh().triangles().len();
+            assert!((45_000..55_000).contains(&triangles), "{}: {triangles} triangles", made.name);
+        }
     }
 
     /// Small fixtures enough that each of the seven kinds of them comes up: by the joints that tell kinds apart.

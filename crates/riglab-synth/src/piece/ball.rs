@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::PieceMesh;
+use super::{Limits, PieceMesh};
 use crate::turn::{across, sin_cos, turned};
 
 /// An ellipsoid that moves with one joint.
@@ -43,8 +43,8 @@ impl Ball {
         }
     }
 
-    pub fn mesh(&self, edge: f32) -> PieceMesh {
-        let rings = ((std::f32::consts::PI * self.mean() / edge + 0.5) as u32).clamp(3, 24);
+    pub fn mesh(&self, edge: f32, limits: Limits) -> PieceMesh {
+        let rings = ((std::f32::consts::PI * self.mean() / edge + 0.5) as u32).clamp(3, limits.rings);
         let around = 2 * rings;
         let mut out = PieceMesh::default();
         let place = |v: Vec3| {

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{PieceMesh, blended, smooth, spline};
+use super::{Limits, PieceMesh, blended, smooth, spline};
 use crate::part::Ring;
 use crate::turn::{across, sin_cos, turned};
 
@@ -113,9 +113,9 @@ impl Loft {
         Some(held.iter().map(|s| s.ring.mean()).sum::<f32>() / held.len() as f32)
     }
 
-    pub fn mesh(&self, edge: f32) -> PieceMesh {
+    pub fn mesh(&self, edge: f32, limits: Limits) -> PieceMesh {
         let widest = self.sections.iter().map(|s| s.ring.mean()).fold(0.0, f32::max);
-        let quarters = ((0.5 * std::f32::consts::PI * widest / edge + 0.3) as u32).clamp(1, 12);
+        let quarters = ((0.5 * std::f32::consts::PI * widest / edge + 0.3) as u32).clamp(1, limits.quarters);
         // A box may do with its corners; what is round and not tiny needs six sides to look so.
         let round = self.square < 0.5 && widest > 0.3 * edge;
         let around = if round && quarters == 1 { 6 } else { 4 * quarters };
@@ -124,7 +124,7 @@ impl Loft {
         let mut rows = 0;
         for span in 0..spans {
             let length = self.sections[span].at.distance(self.sections[span + 1].at);
-            let steps = ((length / edge + 0.5) as u32).clamp(1, 48);
+            let steps = ((length / edge + 0.5) as u32).clamp(1, limits.steps);
             for step in 0..steps {
                 self.row(span, step as f32 / steps as f32, around, &mut out);
                 rows += 1;
@@ -189,16 +189,16 @@ mod tests {
     fn a_box_has_its_volume_and_faces_outwards() {
         let coarse = Loft::cuboid(0, Vec3::ZERO, Vec3::Y, Vec3::X, Ring::oval(0.5, 0.25), 0.0);
         for edge in [9.0, 0.1] {
-            assert!((volume(&coarse.mesh(edge)) - 0.5).abs() < 1e-4);
+            assert!((volume(&coarse.mesh(edge, Limits::of(4_000))) - 0.5).abs() < 1e-4);
         }
-        assert_eq!(coarse.mesh(9.0).triangles.len(), 16);
+        assert_eq!(coarse.mesh(9.0, Limits::of(4_000)).triangles.len(), 16);
     }
 
     #[test]
     fn a_strand_passes_from_joint_to_joint() {
         let points =
             [(Vec3::ZERO, Ring::round(0.1), 0), (Vec3::Y, Ring::round(0.1), 1), (2.0 * Vec3::Y, Ring::round(0.02), 1)];
-        let mesh = Loft::through(&points, Vec3::X).mesh(0.1);
+        let mesh = Loft::through(&points, Vec3::X).mesh(0.1, Limits::of(4_000));
         let sums = mesh.weights.iter().map(|row| row.iter().map(|(_, w)| w).sum::<f32>());
         assert!(sums.into_iter().all(|sum| (sum - 1.0).abs() < 1e-6));
         assert!(mesh.weights.iter().any(|row| row.len() == 2));

@@ -14,6 +14,32 @@ pub(crate) use ball::Ball;
 pub(crate) use loft::Loft;
 pub(crate) use sheet::Sheet;
 
+/// How finely pieces may be divided at most. Where few triangles are wished for, an eye or a horn must not take them all;
+/// where many are, whoever is made of pieces alone has no other place for them.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Limits {
+    /// Of balls, from pole to pole.
+    rings: u32,
+    /// Of lofts, around a quarter.
+    quarters: u32,
+    /// Of lofts, from section to section.
+    steps: u32,
+    /// Of sheets, from one control point to the next.
+    patch: usize,
+}
+
+impl Limits {
+    /// For a creature of about so many triangles.
+    pub fn of(triangles: u32) -> Self {
+        let times = (triangles as f32 / ENOUGH).sqrt().max(1.0);
+        let most = |usual: f32| (usual * times) as u32;
+        Self { rings: most(24.0), quarters: most(12.0), steps: most(48.0), patch: most(64.0) as usize }
+    }
+}
+
+/// Up to so many triangles the least limits are enough for all creatures.
+const ENOUGH: f32 = 14_000.0;
+
 /// A component of the mesh that is not part of the skin.
 #[derive(Clone, Debug)]
 pub(crate) enum Piece {
@@ -39,12 +65,12 @@ pub(crate) struct PieceMesh {
 }
 
 impl Piece {
-    /// Triangles with edges of about `edge` metres.
-    pub fn mesh(&self, edge: f32) -> PieceMesh {
+    /// Triangles with edges of about `edge` metres, within limits.
+    pub fn mesh(&self, edge: f32, limits: Limits) -> PieceMesh {
         match self {
-            Self::Ball(ball) => ball.mesh(edge),
-            Self::Sheet(sheet) => sheet.mesh(edge),
-            Self::Loft(loft) => loft.mesh(edge),
+            Self::Ball(ball) => ball.mesh(edge, limits),
+            Self::Sheet(sheet) => sheet.mesh(edge, limits),
+            Self::Loft(loft) => loft.mesh(edge, limits),
         }
     }
 

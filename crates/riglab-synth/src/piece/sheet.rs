@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Control, PieceMesh, blended, smooth, spline};
+use super::{Control, Limits, PieceMesh, blended, smooth, spline};
 use crate::turn::turned;
 
 /// A surface through ribs of control points; every rib has as many points as the others.
@@ -44,13 +44,13 @@ impl Sheet {
         (count > 0).then(|| sum / count as f32)
     }
 
-    pub fn mesh(&self, edge: f32) -> PieceMesh {
+    pub fn mesh(&self, edge: f32, limits: Limits) -> PieceMesh {
         let (across, along) = self.extent();
         let m = self.ribs[0].len();
         // At least a quad per control patch, so that the outline keeps its points.
         let steps = |length: f32, patches: usize| {
             let per_patch = (length / (edge * patches as f32) + 0.5) as usize;
-            patches * per_patch.clamp(1, 64)
+            patches * per_patch.clamp(1, limits.patch)
         };
         let (nu, nv) = (steps(across, self.gaps()).max(2), steps(along, m - 1).max(2));
         let columns = if self.round { nu } else { nu + 1 };
