@@ -149,9 +149,11 @@ impl<'a> Builder<'a> {
         if coarse && d.abs() < SLACK * half_diagonal {
             return self.divide(id, center, half_diagonal);
         }
-        let corners = self.corners_of(at, depth, list);
+        let corners = self.corners_of(at, depth, list.clone());
         let inside = corners.iter().filter(|&&c| self.out.corners[c as usize].1 < 0.0).count();
         if coarse && inside > 0 && inside < 8 {
+            // Corners were asked since.
+            self.field.sample(center, &self.out.lists[list], &mut self.scratch);
             return self.divide(id, center, half_diagonal);
         }
         self.out.cells[id].corners = corners;
@@ -214,5 +216,37 @@ impl Hasher for LatticeHasher {
     fn write_u64(&mut self, x: u64) {
         let x = (self.0 ^ x).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         self.0 = x ^ (x >> 32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dice::Dice;
+    use crate::plan::Plan;
+
+    #[test]
+    fn what_matters_in_a_cell_is_told_by_the_distances_at_its_center() {
+        // Among them are cells whose corners have both signs, though the centre seems far from the surface.
+        let mut far = 0;
+        for (plan, index) in Plan::ALL.into_iter().flat_map(|plan| [(plan, 0), (plan, 1), (plan, 2)]) {
+            let body = plan.body(&mut Dice::new(riglab_random::stream(2, "cells", &[index])), 3_000);
+            let field = Field::new(&body);
+            let sizes = Sizes::new(body.parts.iter().map(|part| 0.4 * part.mean()).collect());
+            let builder = Builder::new(&field, &sizes);
+            let (origin, side, steps) = (builder.origin, builder.side, builder.steps as f32);
+            let cells = builder.build();
+            for (id, cell) in cells.cells.iter().enumerate() {
+                let Some(first) = cell.children else { continue };
+                let size = side / (1u32 << cell.depth) as f32;
+                let center = origin + Vec3::from(cell.at.map(|x| x as f32)) * (side / steps) + 0.5 * size;
+                let (half_diagonal, mut scratch, mut kept) = (0.5 * 1.732_051 * size, Vec::new(), Vec::new());
+                let d = field.sample(center, cells.near(id as CellId), &mut scratch).d;
+                far += usize::from(d.abs() >= SLACK * half_diagonal);
+                field.prune(center, 2.0 * half_diagonal, cells.near(id as CellId), &scratch, &mut kept);
+                assert_eq!(kept, cells.near(first), "{} {index}", plan.name());
+            }
+        }
+        assert!(far > 0);
     }
 }
