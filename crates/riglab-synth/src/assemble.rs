@@ -70,16 +70,19 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
     }
     let (_, mut cells, mut polygons, scale) = best.expect("at least one try");
     let softness = if body.rigid { 0.0 } else { finish.softness };
-    let mut broken = usize::MAX;
+    let mut before: Option<(usize, Surface, Vec<Row>)> = None;
     for tries in 0.. {
         let surface = if polygons.is_empty() { Surface::default() } else { Surface::new(&field, &cells, &polygons) };
         let rows = skin::weights(body, &surface, softness);
         let faults = Faults::of(body, &surface, &rows);
-        // What smaller cells do not mend is no fault of the cells.
-        if faults.count == 0 || faults.count >= broken || tries == CARES {
-            return joined(surface, rows, pieces(body, finish, scale));
+        match next(tries, faults.count, before.as_ref().map(|(broken, ..)| *broken)) {
+            Next::Take => return joined(surface, rows, pieces(body, finish, scale)),
+            Next::TakeEarlier => {
+                let (_, surface, rows) = before.expect("it was compared with");
+                return joined(surface, rows, pieces(body, finish, scale));
+            }
+            Next::Again => before = Some((faults.count, surface, rows)),
         }
-        broken = faults.count;
         (care.iter_mut().zip(faults.joints)).filter(|(_, fault)| *fault).for_each(|(care, _)| *care *= 0.7);
         cells = Cells::new(&field, &sizes(body, finish, scale, &care));
         polygons = crate::net::polygons(&cells);
@@ -89,6 +92,25 @@ pub(crate) fn assemble(body: &Body, finish: &Finish) -> PieceMesh {
 
 /// How often cells are made smaller where flesh fell through them.
 const CARES: usize = 3;
+
+/// What comes after a surface.
+#[derive(Debug, PartialEq)]
+enum Next {
+    Take,
+    TakeEarlier,
+    Again,
+}
+
+/// What comes after a surface with so many faults, where the one before it, of larger cells, had `earlier`. What smaller
+/// cells do not mend is no fault of the cells; what they tear open is.
+fn next(tries: usize, faults: usize, earlier: Option<usize>) -> Next {
+    match earlier {
+        Some(earlier) if faults > earlier => Next::TakeEarlier,
+        Some(earlier) if faults == earlier => Next::Take,
+        _ if faults == 0 || tries == CARES => Next::Take,
+        _ => Next::Again,
+    }
+}
 
 /// Where the skin fell to pieces because its cells are too large for it.
 struct Faults {
@@ -199,6 +221,13 @@ mod tests {
                 assert!(edges.values().all(|&n| n == 0), "{} {index}: an edge with one side", plan.name());
             }
         }
+    }
+
+    #[test]
+    fn smaller_cells_are_tried_while_they_mend_and_given_up_where_they_tear() {
+        assert_eq!([next(0, 0, None), next(0, 2, None), next(1, 1, Some(2))], [Next::Take, Next::Again, Next::Again]);
+        assert_eq!([next(1, 2, Some(2)), next(CARES, 1, Some(2))], [Next::Take, Next::Take]);
+        assert_eq!([next(1, 3, Some(2)), next(CARES, 3, Some(2))], [Next::TakeEarlier, Next::TakeEarlier]);
     }
 
     #[test]
