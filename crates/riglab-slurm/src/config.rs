@@ -54,7 +54,7 @@ pub struct SlurmConfig {
     pub patience: usize,
     /// Seconds between looks at the queue with `--wait`. At least 1.
     pub look_seconds: u64,
-    /// Further options of `sbatch`, one each: `--gres=gpu:1`, `--exclusive`.
+    /// Further options of `sbatch`, one each, but for those that a key above is for: `--gres=gpu:1`, `--exclusive`.
     pub options: Vec<String>,
     /// Lines of bash that each task runs before anything else: modules, environment.
     pub prologue: Vec<String>,
@@ -87,8 +87,25 @@ impl Default for SlurmConfig {
 /// Seconds by which Slurm may give a signal too early.
 const EARLIER: u64 = 60;
 
-/// Options of `sbatch` that job scripts have already, with what to say instead.
-const TAKEN: [(&str, &str); 14] = [
+/// Options of `sbatch` that the table has a key for or job scripts have already, with what to say instead.
+const TAKEN: [(&str, &str); 31] = [
+    ("--partition", "use `partition`"),
+    ("-p", "use `partition`"),
+    ("--account", "use `account`"),
+    ("-A", "use `account`"),
+    ("--qos", "use `qos`"),
+    ("-q", "use `qos`"),
+    ("--constraint", "use `constraint`"),
+    ("-C", "use `constraint`"),
+    ("--time", "use `time`"),
+    ("-t", "use `time`"),
+    ("--mem", "use `memory`"),
+    ("--cpus-per-task", "use `cpus`"),
+    ("-c", "use `cpus`"),
+    ("--nodes", "use `nodes`"),
+    ("-N", "use `nodes`"),
+    ("--job-name", "jobs are called by what they do"),
+    ("-J", "jobs are called by what they do"),
     ("--array", "it is listed from what is to be done; `at_a_time` limits it"),
     ("-a", "it is listed from what is to be done; `at_a_time` limits it"),
     ("--output", "logs lie in the folder of the work, slurm/logs"),
@@ -287,7 +304,27 @@ mod tests {
             assert!(fault(&format!("options = ['{array}']")).contains("`at_a_time` limits it"), "{array}");
         }
         assert!(fault("options = ['-n4']").contains("`-n` is not for this list: use `processes`"));
-        assert!(read("[slurm]\noptions = ['--ntasks-per-node=2', '-w n1', '-pcpu', '--no-kill']\n").is_ok());
+        // What has a key goes by it, and is checked there.
+        let by_keys = [
+            ("partition", "-pcpu --partition=cpu"),
+            ("account", "-Arig --account=rig"),
+            ("qos", "-qlong --qos=long"),
+            ("constraint", "-Cavx --constraint=avx"),
+            ("time", "-t2 --time=2 --ti=2"),
+            ("memory", "--mem=4G"),
+            ("cpus", "-c1 --cpus-per-task=1 --cpus=1"),
+            ("nodes", "-N2 --nodes=2"),
+        ];
+        for (key, options) in by_keys {
+            for option in options.split(' ') {
+                let said = fault(&format!("options = ['{option}']"));
+                assert!(said.contains(&format!("is not for this list: use `{key}`")), "{option}: {said}");
+            }
+        }
+        assert!(fault("options = ['-J x']").contains("jobs are called by what they do"));
+        let others =
+            "'--ntasks-per-node=2', '-w n1', '-wn1', '--no-kill', '--time-min=60', '--nodelist=n1', '--mem-bind=local'";
+        assert!(read(&format!("[slurm]\noptions = [{others}]\n")).is_ok());
         assert!(fault("processes = 0").contains("at least 1") && fault("patience = 0").contains("at least once"));
         assert!(fault("partitoin = 'a'").contains("did you mean `partition`?"));
         assert!(fault("time = -3").contains("`-3` is no time") && fault("memory = 1.5").contains("memory"));
