@@ -181,17 +181,22 @@ struct Blocks {
     skin: String,
 }
 
+/// Names as words, each of its own: those that are words stay, whatever the others become.
+fn words(names: &[String]) -> Vec<String> {
+    let ends = |c: char| c.is_whitespace() || c.is_control();
+    let mut unique = Names::default();
+    let mut words = vec![String::new(); names.len()];
+    let (others, own): (Vec<_>, Vec<_>) = words.iter_mut().zip(names).partition(|(_, name)| name.contains(ends));
+    for (word, name) in own.into_iter().chain(others) {
+        *word = unique.unique(&name.replace(ends, "_"), || "joint".to_owned());
+    }
+    words
+}
+
 fn blocks(rig: &Rig, notes: &mut Vec<WriteNote>) -> Blocks {
     let skeleton = rig.skeleton();
-    let mut unique = Names::default();
-    let mut changed = 0;
-    let names: Vec<String> = (skeleton.names().iter())
-        .map(|name| {
-            let word: String = name.chars().map(|c| if c.is_whitespace() { '_' } else { c }).collect();
-            changed += usize::from(word != *name);
-            unique.unique(&word, || "joint".to_owned())
-        })
-        .collect();
+    let names = words(skeleton.names());
+    let changed = names.iter().zip(skeleton.names()).filter(|(word, name)| word != name).count();
     if changed > 0 {
         notes.push(WriteNote::Blanks { joints: changed });
     }
@@ -219,4 +224,15 @@ fn blocks(rig: &Rig, notes: &mut Vec<WriteNote>) -> Blocks {
     }
     let root = format!("root {}\n", names[0]);
     Blocks { joints, root, hier, skin }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_without_blanks_stay() {
+        let names = ["a b", "a_b", "a\tb", "a_b.001", "c"].map(String::from);
+        assert_eq!(words(&names), ["a_b.002", "a_b", "a_b.003", "a_b.001", "c"]);
+    }
 }
