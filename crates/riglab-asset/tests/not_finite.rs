@@ -117,3 +117,14 @@ fn it_is_mended_where_a_motion_is_added_and_where_the_rig_goes() {
     let bare = export::strip_bytes("a.glb", &bytes, None, &ImportOptions::default()).unwrap();
     assert_eq!(bare.notes, [TOLD, ExportNote::MotionDropped { channels: 1 }]);
 }
+
+#[test]
+fn morph_targets_lose_what_they_add_to_tangents_that_go() {
+    let targets = json!([{"POSITION": 8, "TANGENT": 8}, {"TANGENT": 8}]);
+    let exported = again(&full(f32::NAN).with("/meshes/0/primitives/0/targets", targets));
+    let json = parts(&exported.bytes).0;
+    let targets = json["meshes"][0]["primitives"][0]["targets"].as_array().unwrap();
+    assert!(targets.iter().all(|own| own.get("TANGENT").is_none() && own.get("POSITION").is_some()), "{targets:?}");
+    let still = &json["accessors"][targets[1]["POSITION"].as_u64().unwrap() as usize];
+    assert_eq!((&still["count"], &still["max"], still.get("bufferView")), (&json!(4), &json!([0.0, 0.0, 0.0]), None));
+}

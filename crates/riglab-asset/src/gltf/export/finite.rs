@@ -12,7 +12,7 @@ use super::super::accessor::Accessors;
 use super::super::buffers::Buffers;
 use super::super::document::{Document, Primitive};
 use super::animations;
-use super::draft::{ARRAY, Draft, VEC2, index, remove};
+use super::draft::{ARRAY, Draft, F32, VEC2, index, remove};
 use crate::budget::Budget;
 use crate::{ExportNote, rigging, triangles};
 
@@ -84,6 +84,7 @@ impl Mender<'_> {
                 // Programs make them of normals and coordinates.
                 None if name == "TANGENT" => {
                     remove(attributes, name);
+                    self.still_tangents(draft, (mesh, number), primitive);
                     self.mended.tangents += 1;
                 }
                 None => {}
@@ -98,6 +99,26 @@ impl Mender<'_> {
                 let Some(new) = new.or_else(|| self.offsets(draft, accessor)) else { continue };
                 self.done.insert((accessor, None), new);
                 draft.list_mut("meshes")[mesh]["primitives"][number]["targets"][target][name] = json!(new);
+            }
+        }
+    }
+
+    /// Takes from morph targets what they add to tangents that are no more. One that has nothing else moves nothing, which
+    /// it has to say.
+    fn still_tangents(&self, draft: &mut Draft, (mesh, number): (usize, usize), primitive: &Primitive) {
+        let position = primitive.attributes.get("POSITION").and_then(|&own| self.document.accessors.get(own));
+        // Without a view, all elements are 0.
+        let still = position.map(|own| {
+            let zero = [0.0; 3];
+            json!({"componentType": F32, "type": "VEC3", "count": own.count, "min": zero, "max": zero})
+        });
+        let count = draft.list("meshes")[mesh]["primitives"][number]["targets"].as_array().map_or(0, Vec::len);
+        for target in 0..count {
+            let own = &mut draft.list_mut("meshes")[mesh]["primitives"][number]["targets"][target];
+            let emptied = remove(own, "TANGENT").is_some() && own.as_object().is_some_and(serde_json::Map::is_empty);
+            if let Some(still) = still.clone().filter(|_| emptied) {
+                let still = draft.push("accessors", still);
+                draft.list_mut("meshes")[mesh]["primitives"][number]["targets"][target]["POSITION"] = json!(still);
             }
         }
     }
