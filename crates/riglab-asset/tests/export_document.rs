@@ -482,3 +482,23 @@ fn what_is_hidden_stays_hidden_at_the_top_of_the_scene() {
     let holds = holds.with("/nodes/-", json!({"name": "socket"})).with("/nodes/0/translation", json!([1, 0, 0]));
     assert!(!shown(&strip(&holds.glb()).bytes).0);
 }
+
+#[test]
+fn expressions_move_each_copy_of_a_mesh() {
+    let bind = json!({"mesh": 0, "index": 0, "weight": 100});
+    let vrm = json!({"VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "a", "binds": [bind]}]}}});
+    let bytes = Tiny::new()
+        .with("/nodes/-", json!({"name": "twin", "mesh": 0, "skin": 1}))
+        .with("/nodes/-", json!({"name": "other", "translation": [5, 0, 0], "children": [5]}))
+        .with("/nodes/-", json!({"name": "end"}))
+        .with("/skins/-", json!({"joints": [4, 5]}))
+        .with("/meshes/0/primitives/0/targets", json!([{"POSITION": POSITION}]))
+        .with("/extensions", vrm)
+        .with("/extensionsUsed", json!(["VRM"]))
+        .glb();
+    let json = parts(&onto(&bytes, renamed, ExportOptions::default()).bytes).0;
+    let binds = json["extensions"]["VRM"]["blendShapeMaster"]["blendShapeGroups"][0]["binds"].as_array().unwrap();
+    let mut bound: Vec<&Value> = binds.iter().map(|bind| &bind["mesh"]).collect();
+    bound.sort_by_key(|mesh| mesh.as_u64());
+    assert_eq!((bound, json["meshes"].as_array().unwrap().len()), (vec![&json!(0), &json!(1)], 2));
+}
