@@ -483,6 +483,44 @@ fn what_is_hidden_stays_hidden_at_the_top_of_the_scene() {
     assert!(!shown(&strip(&holds.glb()).bytes).0);
 }
 
+/// The tiny rig with a motion that shifts a node, and what hangs on its body.
+fn shifted(node: usize, body: Value) -> Tiny {
+    let shifts: Vec<u8> = [0.0f32, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let tiny = Tiny::new()
+        .with_accessor(5126, "SCALAR", 2, &[0.0f32, 1.0].map(f32::to_le_bytes).concat())
+        .with_accessor(5126, "VEC3", 2, &shifts);
+    let channel = json!({"sampler": 0, "target": {"node": node, "path": "translation"}});
+    tiny.with("/animations", json!([{"channels": [channel], "samplers": [{"input": 5, "output": 6}]}]))
+        .with("/nodes/0", body)
+        .with("/nodes/-", json!({"name": "hat"}))
+        .with("/nodes/-", json!({"name": "far", "mesh": 0, "skin": 0}))
+}
+
+#[test]
+fn what_hangs_on_a_node_that_its_mesh_left_moves_still() {
+    let lod = json!({"MSFT_lod": {"ids": [4]}});
+    let body = json!({
+        "name": "body", "mesh": 0, "skin": 0, "translation": [9, 0, 0], "children": [3],
+        "extensions": lod, "extras": {"MSFT_screencoverage": [0.5, 0.1], "own": 1},
+    });
+    // Below a scaled node, so that no mesh stays where it is.
+    let above = json!({"name": "all", "scale": [2, 2, 2], "children": [0, 1]});
+    let stripped = strip(&shifted(0, body).with("/nodes/-", above).glb());
+    assert_eq!(stripped.notes, []);
+    let json = parts(&stripped.bytes).0;
+    let nodes = json["nodes"].as_array().unwrap();
+    let target = &json["animations"][0]["channels"][0]["target"]["node"];
+    let old = &nodes[target.as_u64().unwrap() as usize];
+    assert_eq!((old.get("mesh"), &old["children"].as_array().unwrap().len()), (None, &1));
+    // The simpler mesh goes with the mesh.
+    assert_eq!((old.get("extensions"), &old["extras"]), (None, &json!({"own": 1})));
+    let new = nodes.iter().find(|node| node["extensions"]["MSFT_lod"].is_object()).expect("with its levels");
+    assert!(new.get("mesh").is_some() && new["extras"] == json!({"MSFT_screencoverage": [0.5, 0.1]}), "{new}");
+    // What moves the mesh alone goes, as the mesh stands where the rest pose has it.
+    let alone = strip(&shifted(0, json!({"name": "body", "mesh": 0, "skin": 0, "translation": [9, 0, 0]})).glb());
+    assert_eq!(alone.notes, [ExportNote::MotionDropped { channels: 1 }]);
+}
+
 #[test]
 fn expressions_move_each_copy_of_a_mesh() {
     let bind = json!({"mesh": 0, "index": 0, "weight": 100});

@@ -97,6 +97,7 @@ pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut 
         if let Some(name) = own.get("name") {
             new["name"] = name.clone();
         }
+        take_levels(own, &mut new);
         draft.push("nodes", new)
     } else {
         stand(draft, node);
@@ -113,6 +114,19 @@ pub(super) fn to_top(draft: &mut Draft, nodes: &Nodes, node: usize, moved: &mut 
     }
     moved.insert(node, at);
     add_to_scenes(draft, nodes, &[node], at);
+}
+
+/// Gives what a node says of simpler meshes to another, which has its mesh now.
+fn take_levels(node: &mut Value, to: &mut Value) {
+    const LEVELS: &str = "MSFT_lod";
+    // The shares of the screen at which they are shown are told beside it.
+    for (members, key) in [("extensions", LEVELS), ("extras", "MSFT_screencoverage")] {
+        let Some(own) = node.get_mut(members).and_then(|own| remove(own, key)) else { continue };
+        to[members] = json!({key: own});
+        if node[members].as_object().is_some_and(serde_json::Map::is_empty) {
+            remove(node, members);
+        }
+    }
 }
 
 /// The extension by which a node hides its mesh and all below it.

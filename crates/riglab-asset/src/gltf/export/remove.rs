@@ -55,8 +55,9 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
     }
     let above = above_joints(nodes, &is_joint);
     let old = |node: usize| gone.get(node).copied().unwrap_or(false);
-    let moves_rig =
-        |node: usize| old(node) || above.get(node).copied().unwrap_or(false) || successors.meshes.contains_key(&node);
+    // A node that its mesh left alone moves what hangs on it still.
+    let stands = |node: usize| successors.meshes.get(&node) == Some(&node);
+    let moves_rig = |node: usize| old(node) || above.get(node).copied().unwrap_or(false) || stands(node);
     let mesh_at = |node: usize| successors.meshes.get(&node).copied();
     let channels = animations::drop_motion(draft, moves_rig, mesh_at);
     if channels > 0 {
