@@ -313,7 +313,7 @@ impl fmt::Display for ExportNote {
                 ];
                 let told = parts.iter().filter(|(n, ..)| **n > 0).map(|(n, one, many)| of_number(**n, one, many));
                 let told: Vec<_> = told.collect();
-                write!(f, "the old joints gave way to new ones, and with them went {}", told.join(", "))
+                write!(f, "with the old joints went {}", told.join(", "))
             }
             Self::NotHuman { lacking } => write!(
                 f,

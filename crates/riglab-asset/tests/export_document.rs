@@ -522,6 +522,14 @@ fn what_hangs_on_a_node_that_its_mesh_left_moves_still() {
 }
 
 #[test]
+fn what_hung_on_joints_is_told_where_they_go() {
+    let socket = json!({"name": "WeaponSocket", "extras": {"slot": "sword"}});
+    let stripped = strip(&Tiny::new().with("/nodes/-", socket).with("/nodes/2/children", json!([3])).glb());
+    assert_eq!(stripped.notes, [ExportNote::HungLost { nodes: 1, bones: 0, constraints: 0 }]);
+    assert_eq!(stripped.notes[0].to_string(), "with the old joints went 1 node that hung on them");
+}
+
+#[test]
 fn expressions_move_each_copy_of_a_mesh() {
     let bind = json!({"mesh": 0, "index": 0, "weight": 100});
     let vrm = json!({"VRM": {"blendShapeMaster": {"blendShapeGroups": [{"name": "a", "binds": [bind]}]}}});

@@ -9,7 +9,8 @@ use riglab_asset::{ImportOptions, Warning, export, import};
 use super::earlier::{Overwrite, Written};
 use super::file_to_write;
 
-/// Take the rig out of a file: skins, weights, joints, their animations, humanoid and springs of VRM.
+/// Take the rig out of a file: skins, weights, joints with the empty nodes on them, their animations, humanoid and springs of
+/// VRM.
 ///
 /// The mesh stands as the file shows it; where that is another pose than it was bound in, it stands as it was bound, and a
 /// warning says so. Materials, pictures, morph targets and names stay.

@@ -238,10 +238,7 @@ impl Binder<'_, '_> {
         if !lacking.is_empty() {
             self.notes.insert(before_springs, ExportNote::NotHuman { lacking });
         }
-        let nodes = hung.iter().filter(|&&node| lost.nodes[node]).count();
-        if nodes + lost.bones + lost.constraints > 0 {
-            self.notes.push(ExportNote::HungLost { nodes, bones: lost.bones, constraints: lost.constraints });
-        }
+        remove::tell_hung(&hung, &lost, self.notes);
         Ok(())
     }
 

@@ -83,6 +83,14 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
     Lost { nodes: gone, bones, constraints }
 }
 
+/// Tells what hung on joints, by `Scene::carried`, and went with them.
+pub(super) fn tell_hung(hung: &[usize], lost: &Lost, notes: &mut Vec<ExportNote>) {
+    let nodes = hung.iter().filter(|&&node| lost.nodes[node]).count();
+    if nodes + lost.bones + lost.constraints > 0 {
+        notes.push(ExportNote::HungLost { nodes, bones: lost.bones, constraints: lost.constraints });
+    }
+}
+
 /// Drops the skins without a node; gives the old numbers of those that stay.
 fn drop_skins(draft: &mut Draft) -> Vec<usize> {
     let mut used: Vec<usize> = draft.list("nodes").iter().filter_map(|node| index(&node["skin"])).collect();

@@ -76,6 +76,8 @@ pub(super) fn strip(
         notes.push(ExportNote::VrmDropped { parts });
     }
     let successors = Successors { meshes: moved, ..Successors::default() };
-    remove::old_rig(draft, scene, &successors, notes);
+    let hung = scene.carried(draft);
+    let lost = remove::old_rig(draft, scene, &successors, notes);
+    remove::tell_hung(&hung, &lost, notes);
     Ok(())
 }
