@@ -171,6 +171,13 @@ pub enum ExportNote {
         /// Nodes that followed others (`VRMC_node_constraint`).
         constraints: usize,
     },
+    /// Nodes that were for the old rig alone stay, as extensions that are not known may name nodes by number.
+    JointsStay {
+        /// How many.
+        nodes: usize,
+        /// These extensions.
+        extensions: Vec<String>,
+    },
     /// The file is a VRM that lacks human bones it must have.
     NotHuman {
         /// Their names in VRM 1.0.
@@ -314,6 +321,19 @@ impl fmt::Display for ExportNote {
                 let told = parts.iter().filter(|(n, ..)| **n > 0).map(|(n, one, many)| of_number(**n, one, many));
                 let told: Vec<_> = told.collect();
                 write!(f, "with the old joints went {}", told.join(", "))
+            }
+            Self::JointsStay { nodes, extensions } => {
+                let stay = of_number(
+                    *nodes,
+                    "node that was for the old rig alone stays",
+                    "nodes that were for the old rig alone stay",
+                );
+                write!(
+                    f,
+                    "{stay}, as extensions that riglab does not know may name nodes by number: {}; take these out of the file to \
+                     have the nodes go, too",
+                    extensions.join(", ")
+                )
             }
             Self::NotHuman { lacking } => write!(
                 f,

@@ -345,11 +345,15 @@ fn a_source_without_document_gives_a_plain_one() {
 
 #[test]
 fn documents_with_unknown_extensions_keep_their_numbers() {
-    let bytes = Tiny::new()
-        .with("/extensionsUsed", json!(["ACME_rope"]))
-        .with("/extensions", json!({"ACME_rope": {"node": 2}}))
-        .glb();
-    let stripped = parts(&strip(&bytes).bytes).0;
+    let named = Tiny::new().with("/extensionsUsed", json!(["ACME_rope", "GODOT_single_root"]));
+    // One that is used nowhere names nothing.
+    let bare = strip(&named.clone().glb());
+    assert_eq!((parts(&bare.bytes).0["nodes"].as_array().unwrap().len(), &bare.notes[..]), (1, &[][..]));
+    let stripped = strip(&named.with("/extensions", json!({"ACME_rope": {"node": 2}})).glb());
+    let [stay @ ExportNote::JointsStay { nodes: 2, .. }] = &stripped.notes[..] else { panic!("{:?}", stripped.notes) };
+    let told = stay.to_string();
+    assert!(told.starts_with("2 nodes that were for the old rig alone stay") && told.contains("ACME_rope"), "{told}");
+    let stripped = parts(&stripped.bytes).0;
     assert_eq!(stripped["nodes"].as_array().unwrap().len(), 3);
     assert_eq!(
         (&stripped["nodes"][2]["name"], &stripped["extensions"]["ACME_rope"]["node"]),

@@ -3,7 +3,8 @@
 use serde_json::{Value, json};
 
 use super::draft::{Draft, index, remove};
-use super::references::{self, Kind};
+use super::packed::forget_extension;
+use super::references::{self, Kind, SINGLE_ROOT};
 use crate::Fault;
 
 /// Renumbers what stays of one kind. `stays` is by old number.
@@ -45,7 +46,10 @@ pub(super) fn drop_nodes(draft: &mut Draft, gone: &[bool]) {
 /// Drops accessors, then views, that nothing names, and brings the bytes of the rest together. `base` are
 /// the bytes that the draft has elsewhere.
 pub(super) fn finish(mut draft: Draft, base: &[u8]) -> Result<Draft, Fault> {
-    if references::all_known(&draft) {
+    if !has_single_root(&draft) {
+        forget_extension(&mut draft.json, SINGLE_ROOT);
+    }
+    if references::unknown(&draft).is_empty() {
         for (kind, list) in [(Kind::Accessor, "accessors"), (Kind::View, "bufferViews")] {
             let mut used = vec![false; draft.list(list).len()];
             references::visit(&mut draft, &mut |found, value| {
@@ -59,6 +63,11 @@ pub(super) fn finish(mut draft: Draft, base: &[u8]) -> Result<Draft, Fault> {
         }
     }
     gather(draft, base)
+}
+
+/// Whether node 0 is the only root of the only scene.
+fn has_single_root(draft: &Draft) -> bool {
+    matches!(draft.list("scenes"), [scene] if scene["nodes"] == json!([0]))
 }
 
 /// Copies the runs of bytes that views show, each once, however many views overlap.
@@ -143,8 +152,24 @@ mod tests {
 
     #[test]
     fn a_document_with_an_unknown_extension_keeps_its_numbers() {
-        let json = json!({"accessors": [{}, {}], "extensionsUsed": ["ACME_rope"]});
-        let draft = finish(Draft::new(json), &[]).unwrap();
-        assert_eq!(draft.list("accessors").len(), 2);
+        let left = |says: Value| {
+            let json = json!({
+                "accessors": [{}, {}], "extensionsUsed": ["ACME_rope", "ACME_stamp"],
+                "meshes": [{"primitives": [{"extensions": {"ACME_rope": says}, "extras": {"extensions": {"ACME_stamp": 1}}}]}],
+            });
+            finish(Draft::new(json), &[]).unwrap().list("accessors").len()
+        };
+        assert_eq!(left(json!({"knots": 1})), 2);
+        // One that says nothing names nothing.
+        assert_eq!(left(json!({})), 0);
+    }
+
+    #[test]
+    fn a_file_of_more_roots_is_not_called_one_of_a_single_root() {
+        let used = |roots: Value| {
+            let json = json!({"scenes": [{"nodes": roots}], "extensionsUsed": ["GODOT_single_root"]});
+            finish(Draft::new(json), &[]).unwrap().list("extensionsUsed").len()
+        };
+        assert_eq!([json!([0]), json!([0, 1]), json!([1])].map(used), [1, 0, 0]);
     }
 }

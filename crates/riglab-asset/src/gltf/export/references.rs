@@ -3,6 +3,8 @@
 //! Core glTF, and the extensions that are known to. A document with an extension that is not known is
 //! never renumbered: it may name anything.
 
+use std::collections::BTreeSet;
+
 use serde_json::Value;
 
 use super::super::extensions;
@@ -17,22 +19,44 @@ pub(super) enum Kind {
 }
 
 /// Extensions beyond those the importer takes for harmless that name nothing, or are looked into here.
-const KNOWN: [&str; 6] = [
+const KNOWN: [&str; 7] = [
     "EXT_mesh_gpu_instancing",
     "MSFT_lod",
     "FB_ngon_encoding",
     "KHR_materials_variants",
     "EXT_texture_procedurals_mx_1_39",
     "GRIFFEL_bim_data",
+    SINGLE_ROOT,
 ];
 
-/// Whether all extensions of a document are known, so that its parts may be renumbered.
-pub(super) fn all_known(draft: &Draft) -> bool {
-    draft
-        .list("extensionsUsed")
-        .iter()
-        .filter_map(Value::as_str)
-        .all(|name| KNOWN.contains(&name) || extensions::is_known(name))
+/// Says by its name alone that node 0 is the only root.
+pub(super) const SINGLE_ROOT: &str = "GODOT_single_root";
+
+/// The extensions of a document that are not known and say something, in order: it may be parts of the document, by number.
+pub(super) fn unknown(draft: &Draft) -> Vec<String> {
+    let used = draft.list("extensionsUsed").iter().filter_map(Value::as_str);
+    let unknown: BTreeSet<&str> = used.filter(|name| !KNOWN.contains(name) && !extensions::is_known(name)).collect();
+    if unknown.is_empty() {
+        return Vec::new();
+    }
+    let mut there = BTreeSet::new();
+    extensions_in(&draft.json, &mut there);
+    unknown.into_iter().filter(|name| there.contains(name)).map(str::to_owned).collect()
+}
+
+/// The names of the extensions that say something anywhere in a part of a document.
+fn extensions_in<'v>(part: &'v Value, names: &mut BTreeSet<&'v str>) {
+    let says = |value: &Value| value.as_object().is_none_or(|own| !own.is_empty());
+    match part {
+        Value::Array(all) => all.iter().for_each(|own| extensions_in(own, names)),
+        Value::Object(all) => {
+            let own = all.get("extensions").and_then(Value::as_object).into_iter().flatten();
+            names.extend(own.filter(|(_, value)| says(value)).map(|(name, _)| name.as_str()));
+            // What applications keep for themselves are no extensions.
+            all.iter().filter(|(key, _)| *key != "extras").for_each(|(_, own)| extensions_in(own, names));
+        }
+        _ => {}
+    }
 }
 
 /// Calls `visit` with every number that names an accessor, a buffer view or a node.

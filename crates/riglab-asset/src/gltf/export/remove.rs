@@ -45,14 +45,14 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
     }
     let still_bound: Vec<bool> = scene.is_joint.iter().zip(&is_joint).map(|(was, is)| *was && !is).collect();
     let near = near_joints(nodes, &is_joint);
-    let known = references::all_known(draft);
     let mut gone = vec![false; nodes.len()];
     for &node in nodes.order().iter().rev() {
         let own = &draft.list("nodes")[node];
         let children = own.get("children").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let all_gone = children.iter().filter_map(index).all(|c| gone.get(c).copied().unwrap_or(false));
-        gone[node] = known && near[node] && all_gone && !still_bound[node] && !carries(own);
+        gone[node] = near[node] && all_gone && !still_bound[node] && !carries(own);
     }
+    keep_named(draft, &mut gone, notes);
     let above = above_joints(nodes, &is_joint);
     let old = |node: usize| gone.get(node).copied().unwrap_or(false);
     // A node that its mesh left alone moves what hangs on it still.
@@ -81,6 +81,16 @@ pub(super) fn old_rig(draft: &mut Draft, scene: &Scene, successors: &Successors,
     finish::drop_nodes(draft, &gone);
     let constraints = constrained - vrm::constrained(draft);
     Lost { nodes: gone, bones, constraints }
+}
+
+/// Keeps all nodes in a document of which not all that may name nodes is known, and tells so.
+fn keep_named(draft: &Draft, gone: &mut [bool], notes: &mut Vec<ExportNote>) {
+    let extensions = references::unknown(draft);
+    let nodes = gone.iter().filter(|gone| **gone).count();
+    if nodes > 0 && !extensions.is_empty() {
+        gone.fill(false);
+        notes.push(ExportNote::JointsStay { nodes, extensions });
+    }
 }
 
 /// Tells what hung on joints, by `Scene::carried`, and went with them.
