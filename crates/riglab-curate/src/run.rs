@@ -257,8 +257,9 @@ fn look_at(
                 match file.begun.get(&read.asset.name).filter(same) {
                     Some(known) => {
                         taken_over += 1;
-                        records.push(known.clone());
-                        names.insert(known.name.clone());
+                        let (record, changed) = take_over(known, &mut records, &mut names);
+                        renamed |= changed;
+                        records.push(record);
                         return ControlFlow::Continue(());
                     }
                     None => Record::of(*read, file.name.clone(), config),
@@ -279,6 +280,15 @@ fn look_at(
     }
     journal.done(&file.name, file.stamp)?;
     Ok(records)
+}
+
+/// The record of an asset that the journal has, by a name that none before it has; tells whether the journal has it, or one of
+/// those before, otherwise now.
+fn take_over(known: &Record, before: &mut [Record], names: &mut HashSet<String>) -> (Record, bool) {
+    let mut record = known.clone();
+    let gave_way = name_apart(&mut record, before, names);
+    let changed = gave_way || record != *known;
+    (record, changed)
 }
 
 /// Gives a record of a file a name that none before it has; tells whether one of those before gave way.
@@ -508,6 +518,20 @@ mod tests {
         let mut names: HashSet<String> = [before[0].name.clone()].into();
         assert!(!name_apart(&mut second, &mut before, &mut names));
         assert!(second.dropped.unwrap().1.contains("called `set.npz#a`, too") && second.name == "set.npz#2");
+    }
+
+    #[test]
+    fn what_the_journal_has_is_named_apart_too() {
+        let mut before = vec![refused("set.npz"), refused("set.npz#2")];
+        let mut names: HashSet<String> = before.iter().map(|record| record.name.clone()).collect();
+        let mut take = |name: &str| take_over(&asset(name), &mut before, &mut names);
+        assert_eq!(take("set.npz#1"), (asset("set.npz#1"), false));
+        // A refusal that was not there before the break gives way.
+        assert_eq!(take("set.npz#2"), (asset("set.npz#2"), true));
+        assert_eq!(before[1].name, "set.npz#3");
+        before.push(asset("set.npz#2"));
+        let (second, changed) = take_over(&asset("set.npz#2"), &mut before, &mut names);
+        assert!(changed && second.facts.is_none() && second.name == "set.npz#4", "{second:?}");
     }
 
     #[test]
