@@ -105,6 +105,8 @@ impl Decisions {
     /// The first line that is none, from 1, and what is wrong with it.
     pub fn parse(text: &str) -> Result<Self, (usize, String)> {
         let mut all = BTreeMap::new();
+        // What some editors put before a text.
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         for (number, line) in text.lines().enumerate() {
             if line.trim().is_empty() || line.starts_with('#') {
                 continue;
@@ -316,6 +318,15 @@ mod tests {
         assert!(fault("a\tb\taccept\tbird\t\t").1.contains("`bird` is no category"));
         assert!(fault("<<<<<<< ours").1.contains("conflict"));
         assert!(fault("a\tb\t-\t\t\tx\na\tb\t-\t\t\ty").1.contains("twice"));
+    }
+
+    #[test]
+    fn a_mark_that_editors_put_before_a_text_is_no_line() {
+        let with_mark = |text: &str| Decisions::parse(&format!("\u{feff}{text}"));
+        let line = "a\t1\taccept\t\t\t\n";
+        for text in [format!("{HEAD}{line}"), line.to_owned()] {
+            assert_eq!(with_mark(&text), Decisions::parse(line));
+        }
     }
 
     #[test]
