@@ -13,7 +13,8 @@
 //! (with tabs for the arrows)
 //!
 //! - `name`, `digest`: which asset: its name in the folder, and the first 16 digits of its file's BLAKE3
-//!   sum. A file that has changed since is no longer what was decided about; one that was renamed still is.
+//!   sum. A file that has changed since is no longer what was decided about; one that was renamed still is, unless another
+//!   file has its name now.
 //! - `verdict`: `accept` keeps it whatever stages and duplicates say, `reject` drops it, `-` leaves that to
 //!   the stages.
 //! - `category`: one of the eight, or nothing.
@@ -208,16 +209,13 @@ impl Decisions {
     }
 
     /// Finds for each asset (name, digest) its decision, and tells which decisions are about none of them, a
-    /// sentence each.
-    pub fn applied<'a>(&'a self, assets: &[(&str, &str)]) -> (HashMap<usize, (&'a Decision, Match)>, Vec<String>) {
-        self.applied_to_part(assets, |_| true)
-    }
-
-    /// The same for a part of all assets: of the others' names, those that `is_of_it` does not take, nothing is told.
-    pub fn applied_to_part<'a>(
+    /// sentence each. The assets may be a part of all: of the others' names, those that `is_of_it` does not take, nothing is
+    /// told. What was decided about a name that `is_there`, in whatever part, is about no other asset of the same bytes.
+    pub fn applied<'a>(
         &'a self,
         assets: &[(&str, &str)],
         is_of_it: impl Fn(&str) -> bool,
+        is_there: impl Fn(&str) -> bool,
     ) -> (HashMap<usize, (&'a Decision, Match)>, Vec<String>) {
         let by_both: HashMap<(&str, &str), usize> = assets.iter().enumerate().map(|(i, a)| (*a, i)).collect();
         let by_name: HashMap<&str, &str> = assets.iter().copied().collect();
@@ -235,7 +233,7 @@ impl Decisions {
         }
         for (name, digest, decision) in moved {
             match by_digest.get(&(item(name), digest)).map(Vec::as_slice) {
-                Some(&[i]) if !digest.is_empty() => {
+                Some(&[i]) if !digest.is_empty() && !is_there(name) => {
                     found.entry(i).or_insert((decision, Match::Renamed));
                 }
                 _ if by_name.contains_key(name) => {
@@ -247,6 +245,11 @@ impl Decisions {
         }
         (found, told)
     }
+}
+
+/// The file that a name means: its own, or that of the asset of a file of several.
+pub fn file(name: &str) -> &str {
+    file_and_item(name).0
 }
 
 /// Which asset of a file of several a name means; empty for the asset of a file of one.
@@ -336,11 +339,16 @@ mod tests {
         all.set("same.glb", "d2", decision(Verdict::Accept, ""));
         all.set("changed.glb", "d3", decision(Verdict::Accept, ""));
         all.set("lost.glb", "d4", decision(Verdict::Accept, ""));
-        let (found, told) = all.applied(&[("new.glb", "d1"), ("same.glb", "d2"), ("changed.glb", "d9")]);
+        let assets = [("new.glb", "d1"), ("same.glb", "d2"), ("changed.glb", "d9")];
+        let (found, told) = all.applied(&assets, |_| true, |name| ["same.glb", "changed.glb"].contains(&name));
         assert_eq!(found[&0], (&decision(Verdict::Reject, ""), Match::Renamed));
         assert_eq!(found[&1].1, Match::Same);
         assert_eq!((found.len(), told.len()), (2, 2));
         assert!(told[0].contains("`changed.glb` has changed") && told[1].contains("`lost.glb`"));
+        // A copy is no renamed file while the one that was decided about is there, changed or in another part.
+        let assets = [("copy.glb", "d1"), ("same.glb", "d3"), ("changed.glb", "d9")];
+        let (found, told) = all.applied(&assets, |name| name != "old.glb", |name| name != "lost.glb");
+        assert!(found.is_empty() && told.len() == 3, "{found:?} {told:?}");
         let mut theirs = Decisions::default();
         theirs.set("same.glb", "d2", decision(Verdict::Reject, ""));
         all.merge(theirs);

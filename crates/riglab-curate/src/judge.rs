@@ -73,20 +73,16 @@ pub struct Label {
     pub remark: String,
 }
 
-/// Judges records, which are in order of their names.
-pub fn judge(records: &[Record], decisions: &Decisions, config: &CurateConfig) -> Judgement {
-    judge_part(records, decisions, config, |_| true)
-}
-
-/// The same of a part of all files; decisions about names that `is_of_it` does not take are about other parts.
-pub(crate) fn judge_part(
+/// Judges records, which are in order of their names. They may be of a part of all files: see [`Decisions::applied`].
+pub(crate) fn judge(
     records: &[Record],
     decisions: &Decisions,
     config: &CurateConfig,
     is_of_it: impl Fn(&str) -> bool,
+    is_there: impl Fn(&str) -> bool,
 ) -> Judgement {
     let keys: Vec<(&str, &str)> = records.iter().map(|r| (r.name.as_str(), r.digest())).collect();
-    let (found, told) = decisions.applied_to_part(&keys, is_of_it);
+    let (found, told) = decisions.applied(&keys, is_of_it, is_there);
     let decided = |i: usize| found.get(&i).map_or(Verdict::Open, |(d, _)| d.verdict);
     let mut dropped: Vec<Option<(String, String)>> = records.iter().map(|r| r.dropped.clone()).collect();
     for (i, drop) in dropped.iter_mut().enumerate() {

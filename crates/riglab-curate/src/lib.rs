@@ -54,7 +54,7 @@ pub use duplicates::{groups, pairs};
 pub use error::CurateError;
 pub use funnel::{Agreement, Funnel, Row, StageCount};
 pub use journal::{Journal, Stamp};
-pub use judge::{Judgement, judge};
+pub use judge::Judgement;
 pub use read::{Folder, ImportFindings, ReadAsset, ReadOutcome};
 pub use repair::repair;
 pub use run::{Places, Shard, Tell, curate};

@@ -15,7 +15,7 @@ use crate::config::{CurateConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
 use crate::journal::{Journal, Stamp};
-use crate::judge::{Judgement, judge_part};
+use crate::judge::{Judgement, judge};
 use crate::label::label;
 use crate::pictures::Pictures;
 use crate::read::{Folder, ReadOutcome};
@@ -38,6 +38,11 @@ impl Shard {
     /// Whether a file is in this part: by its name alone, so that files may come and go.
     pub fn has(&self, file: &str) -> bool {
         self.number_of(file) == self.number
+    }
+
+    /// Whether a file is in any of these parts; no parts are the whole.
+    pub fn any_has(parts: &[Self], file: &str) -> bool {
+        parts.is_empty() || parts.iter().any(|part| part.has(file))
     }
 
     /// The part of as many that a file is in.
@@ -130,7 +135,7 @@ pub fn curate(
         std::iter::once(shard).chain(empty).collect()
     });
     let (records, journal) = look(&files, places, config, tell)?;
-    let done = finish(&Source::Folder(&files, config), &records, places, shard, config, tell);
+    let done = finish(&Source::Folder(&files, config), &records, places, shard.as_slice(), config, tell);
     match &done {
         // As long as the journal is this run's: of which shard the corpus is, and not which was begun.
         Ok(_) | Err(CurateError::NothingLeft { .. }) => tell_shard(places, there.as_deref())?,
@@ -321,7 +326,7 @@ pub(crate) fn finish(
     source: &Source,
     records: &[Record],
     places: &Places,
-    shard: Option<Shard>,
+    shards: &[Shard],
     config: &CurateConfig,
     tell: Tell,
 ) -> Result<Funnel, CurateError> {
@@ -331,8 +336,10 @@ pub(crate) fn finish(
     };
     tell("comparing", 0, records.len());
     // What other parts hold is theirs to tell.
-    let own = |name: &str| shard.is_none_or(|shard| shard.has(source.file(name)));
-    let mut judged: Judgement = judge_part(records, &decisions, config, own);
+    let own = |name: &str| Shard::any_has(shards, source.file(name));
+    let names: HashSet<&str> = records.iter().flat_map(|r| [r.name.as_str(), r.file.as_str()]).collect();
+    let is_there = |name: &str| names.contains(name) || names.contains(source.file(name)) || source.is_there(name);
+    let mut judged: Judgement = judge(records, &decisions, config, own, is_there);
     tell("comparing", records.len(), records.len());
     let labels = label(records, &mut judged, config, &places.work, |wanted, each| {
         let done = AtomicUsize::new(0);
@@ -358,9 +365,6 @@ pub(crate) fn finish(
         if let Some(splitter) = splitter {
             let keys = keys(&open, config);
             made = splitter.assign_equal(&keys, &open.iter().map(|r| contents[r.name.as_str()]).collect::<Vec<_>>());
-            let names: HashSet<&str> = records.iter().map(|r| r.name.as_str()).collect();
-            let files: HashSet<&str> = records.iter().map(|r| r.file.as_str()).collect();
-            let is_there = |name: &str| names.contains(name) || files.contains(name) || source.is_there(name);
             doubts.extend(splitter.doubts(&keys, &made, is_there));
         }
         let mut made = made.into_iter();

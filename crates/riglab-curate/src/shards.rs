@@ -64,11 +64,13 @@ pub fn merge_shards(
         take_answers(&input.work.join("answers"), &places.work.join("answers"))?;
     }
     let config = CurateConfig { stages: passed(&inputs, config), ..config.clone() };
-    let done = finish(&Source::Corpora(&open, &splits), &all, places, None, &config, tell);
+    let there: Vec<Vec<Shard>> = corpora.iter().map(|path| shards(path)).collect();
+    // One that does not say which it is may be all of them.
+    let known = if there.iter().any(Vec::is_empty) { Vec::new() } else { there.concat() };
+    let done = finish(&Source::Corpora(&open, &splits, &known), &all, places, &known, &config, tell);
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;
-        let there: Vec<Shard> = corpora.iter().flat_map(|path| shards(path)).collect();
-        tell_shard(places, Some(&there))?;
+        tell_shard(places, Some(&there.concat()))?;
     }
     done
 }
@@ -161,7 +163,7 @@ pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
 /// The file beside a corpus that says which shards it is of.
 pub(crate) const SHARD: &str = "shard.json";
 
-/// The shards that a corpus is of, as far as that is said.
+/// The shards that a corpus is of, as far as that is said; none of the whole.
 fn shards(corpus: &Path) -> Vec<Shard> {
     let text = std::fs::read(Places::of(corpus).work.join(SHARD)).unwrap_or_default();
     // Earlier there was one.

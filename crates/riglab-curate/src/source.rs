@@ -13,6 +13,7 @@ use crate::config::CurateConfig;
 use crate::read::{Folder, ReadOutcome};
 use crate::record::Record;
 use crate::repair::repair;
+use crate::run::Shard;
 
 /// Assets read before they are written: bounds memory.
 const AT_ONCE: usize = 64;
@@ -24,8 +25,8 @@ type Wanted<'a> = HashMap<&'a str, &'a str>;
 pub(crate) enum Source<'a> {
     /// The folder's files, repaired as by these settings.
     Folder(&'a Folder, &'a CurateConfig),
-    /// The corpora of its shards, with the splits of theirs that stay, by asset.
-    Corpora(&'a [Corpus], &'a HashMap<String, String>),
+    /// The corpora of its shards, with the splits of theirs that stay, by asset, and which shards they are.
+    Corpora(&'a [Corpus], &'a HashMap<String, String>, &'a [Shard]),
 }
 
 impl Source<'_> {
@@ -40,14 +41,18 @@ impl Source<'_> {
     /// The split of an asset, where it stays as it is.
     pub(crate) fn split(&self, name: &str) -> Option<&String> {
         match self {
-            Self::Corpora(_, splits) => splits.get(name),
+            Self::Corpora(_, splits, _) => splits.get(name),
             Self::Folder(..) => None,
         }
     }
 
-    /// Whether a name is that of a file of the folder; of shards the records know.
+    /// Whether a name is that of a file of the folder, or may be, as it is of a shard that is not here; of those that are, the
+    /// records know.
     pub(crate) fn is_there(&self, name: &str) -> bool {
-        matches!(self, Self::Folder(folder, _) if folder.is_there(name))
+        match self {
+            Self::Folder(folder, _) => folder.is_there(name),
+            Self::Corpora(_, _, shards) => !Shard::any_has(shards, self.file(name)),
+        }
     }
 
     /// The file that a name means: its own, or that of the asset of a file of several.
@@ -66,7 +71,7 @@ impl Source<'_> {
         mut each: impl FnMut(Vec<Asset>) -> Result<(), CurateError>,
     ) -> Result<(), CurateError> {
         match self {
-            Self::Corpora(corpora, _) => {
+            Self::Corpora(corpora, ..) => {
                 let mut at = HashMap::new();
                 for (c, corpus) in corpora.iter().enumerate() {
                     for (i, name) in corpus.names()?.iter().enumerate() {

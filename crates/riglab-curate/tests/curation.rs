@@ -710,6 +710,47 @@ fn a_shard_tells_of_its_own_files_alone() {
 }
 
 #[test]
+fn a_decision_is_about_no_copy_in_another_shard() {
+    let dir = tempfile::tempdir().unwrap();
+    let all = creatures(12);
+    write(dir.path(), &all);
+    let shard = |number| Shard { number, of: 2 };
+    let own = format!("{}.glb", all[0].name);
+    let of = 2 - u64::from(shard(1).has(&own));
+    let copied = (0..).map(|k| format!("copy_{k}.glb")).find(|name| !shard(of).has(name)).unwrap();
+    std::fs::copy(dir.path().join(&own), dir.path().join(&copied)).unwrap();
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    run(dir.path(), out.path(), &config).unwrap();
+    let places = |name: &str| Places::of(&out.path().join(name));
+    let lines = std::fs::read_to_string(places("corpus.h5").assets()).unwrap();
+    let lines = lines.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let digest =
+        lines.filter(|a| a["name"] == copied).map(|a| a["digest"].as_str().unwrap().to_owned()).next().unwrap();
+    let mut decisions = Decisions::default();
+    decisions.set(&copied, &digest, Decision { verdict: Verdict::Reject, ..Decision::default() });
+    let path = out.path().join("decisions.tsv");
+    decisions.write(&path).unwrap();
+    config.decisions = path.display().to_string();
+    let whole = run(dir.path(), out.path(), &config).unwrap();
+    assert_eq!((dropped(&whole, "decision"), whole.kept), (vec![copied.as_str()], all.len()));
+    let parts = [1, 2].map(|number| {
+        let part = out.path().join(format!("part{number}.h5"));
+        run_shard(dir.path(), &part, Some(shard(number)), &config).unwrap();
+        part
+    });
+    let merge = |parts: &[PathBuf]| merge_shards(parts, &[], &places("merged.h5"), &config, &|_, _, _| ()).unwrap();
+    assert_eq!(merge(&parts), whole);
+    // The copy's part is not there, so nothing is known of it.
+    let part = merge(&parts[of as usize - 1..of as usize]);
+    assert!(dropped(&part, "decision").is_empty() && !part.warnings.iter().any(|told| told.contains(&copied)));
+    assert!(Corpus::open(&places("merged.h5").out).unwrap().names().unwrap().contains(&own));
+    // Once it is there no more, its file has another name.
+    std::fs::remove_file(dir.path().join(&copied)).unwrap();
+    assert_eq!(dropped(&run(dir.path(), out.path(), &config).unwrap(), "decision"), [own]);
+}
+
+#[test]
 fn a_damaged_shard_is_not_merged() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path(), &creatures(4));

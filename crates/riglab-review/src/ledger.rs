@@ -132,7 +132,8 @@ fn as_kept(decision: &Decision) -> Decision {
 
 fn matched(decisions: &Decisions, cards: &[Card]) -> State {
     let keys: Vec<(&str, &str)> = cards.iter().map(|c| (c.name.as_str(), c.digest.as_str())).collect();
-    let (found, told) = decisions.applied(&keys);
+    let names: HashSet<&str> = cards.iter().map(|c| c.name.as_str()).collect();
+    let (found, told) = decisions.applied(&keys, |_| true, |name| names.contains(name));
     let mut of = vec![Decision::default(); cards.len()];
     for (index, (decision, _)) in found {
         of[index] = decision.clone();
