@@ -86,6 +86,16 @@ pub enum CurateError {
         /// One of the assets.
         name: String,
     },
+    /// The folder beside the corpus is that of another corpus.
+    #[error("{path}: {work} beside it is that of {other}, whose journal and report would be lost; give another --out, or move these two away", path = path.display(), work = work.display(), other = other.display())]
+    OfAnother {
+        /// The corpus.
+        path: PathBuf,
+        /// The folder.
+        work: PathBuf,
+        /// The corpus whose it is.
+        other: PathBuf,
+    },
     /// Another run works in the folder.
     #[error("{path}: another curation is at work here; wait for it, or give another --out", path = .0.display())]
     Busy(PathBuf),

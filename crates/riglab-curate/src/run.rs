@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
-use riglab_data::{CorpusWriter, Splitter, Tally, copies_told};
+use riglab_data::{CorpusWriter, Splitter, Tally, copies_told, same};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{CurateConfig, SplitBy};
@@ -97,6 +97,30 @@ impl Places {
     pub fn assets(&self) -> PathBuf {
         self.work.join("assets.jsonl")
     }
+
+    /// The name of the corpus that the folder is of.
+    fn owner(&self) -> PathBuf {
+        self.work.join("corpus.txt")
+    }
+
+    /// Whether the folder beside the corpus may be written to: `x.h5` and `x.hdf5` have the same.
+    ///
+    /// # Errors
+    /// [`CurateError::OfAnother`] where it is that of another corpus, which is still there.
+    pub fn check(&self) -> Result<(), CurateError> {
+        let Ok(name) = std::fs::read_to_string(self.owner()) else { return Ok(()) };
+        let other = self.out.with_file_name(name);
+        if other == self.out || same(&other, &self.out) || !other.is_file() {
+            return Ok(());
+        }
+        Err(CurateError::OfAnother { path: self.out.clone(), work: self.work.clone(), other })
+    }
+
+    /// Says in the folder beside the corpus whose it is.
+    pub(crate) fn own(&self) -> Result<(), CurateError> {
+        let name = self.out.file_name().unwrap_or_default().to_string_lossy();
+        store(&self.owner(), name.as_bytes())
+    }
 }
 
 /// Shards without a file that are named at most.
@@ -135,6 +159,7 @@ pub fn curate(
         std::iter::once(shard).chain(empty).collect()
     });
     let (records, journal) = look(&files, places, config, tell)?;
+    places.own()?;
     let done = finish(&Source::Folder(&files, config), &records, places, shard.as_slice(), config, tell);
     match &done {
         // As long as the journal is this run's: of which shard the corpus is, and not which was begun.
@@ -167,6 +192,7 @@ pub(crate) fn begin(places: &Places) -> Result<(), CurateError> {
         let message = "is the name of the folder beside the corpus; give the corpus another, such as corpus.h5".into();
         return Err(CurateError::Io { path: places.out.clone(), message });
     }
+    places.check()?;
     CorpusWriter::may_take(&places.out)?;
     let folder = places.out.parent().unwrap_or(Path::new(""));
     riglab_files::may_write(folder).map_err(|e| CurateError::write(&places.out, &e))?;

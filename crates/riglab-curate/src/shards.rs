@@ -67,6 +67,7 @@ pub fn merge_shards(
     let there: Vec<Vec<Shard>> = corpora.iter().map(|path| shards(path)).collect();
     // One that does not say which it is may be all of them.
     let known = if there.iter().any(Vec::is_empty) { Vec::new() } else { there.concat() };
+    places.own()?;
     let done = finish(&Source::Corpora(&open, &splits, &known), &all, places, &known, &config, tell);
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;

@@ -751,6 +751,31 @@ fn a_decision_is_about_no_copy_in_another_shard() {
 }
 
 #[test]
+fn two_corpora_do_not_share_the_folder_beside_them() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(2));
+    let out = tempfile::tempdir().unwrap();
+    let path = |name: &str| out.path().join(name);
+    let curate = |name: &str| run_shard(dir.path(), &path(name), None, &plain());
+    curate("x.h5").unwrap();
+    curate("x.h5").unwrap();
+    for name in ["x.hdf5", "x"] {
+        let said = curate(name).unwrap_err().to_string();
+        assert!(
+            said.contains(name) && said.contains("x.curation beside it is that of") && said.contains("x.h5"),
+            "{said}"
+        );
+    }
+    curate("part.h5").unwrap();
+    let merge = |name: &str| merge_shards(&[path("part.h5")], &[], &Places::of(&path(name)), &plain(), &|_, _, _| ());
+    assert!(matches!(merge("x.hdf5"), Err(CurateError::OfAnother { .. })));
+    // Where that corpus is no more, the folder is nobody's.
+    std::fs::remove_file(path("x.h5")).unwrap();
+    merge("x.hdf5").unwrap();
+    assert!(matches!(curate("x.h5"), Err(CurateError::OfAnother { .. })));
+}
+
+#[test]
 fn a_damaged_shard_is_not_merged() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path(), &creatures(4));
