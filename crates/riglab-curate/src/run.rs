@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use riglab_data::{CorpusWriter, Splitter, Tally, copies_told, same};
 use serde::{Deserialize, Serialize};
 
-use crate::config::{CurateConfig, SplitBy};
+use crate::config::{CurateConfig, ImportConfig, RepairConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
 use crate::journal::{Journal, Stamp};
@@ -98,6 +98,11 @@ impl Places {
         self.work.join("assets.jsonl")
     }
 
+    /// How these assets were read, for whoever reads them again.
+    pub(crate) fn reading(&self) -> PathBuf {
+        self.work.join("reading.json")
+    }
+
     /// The name of the corpus that the folder is of.
     fn owner(&self) -> PathBuf {
         self.work.join("corpus.txt")
@@ -120,6 +125,28 @@ impl Places {
     pub(crate) fn own(&self) -> Result<(), CurateError> {
         let name = self.out.file_name().unwrap_or_default().to_string_lossy();
         store(&self.owner(), name.as_bytes())
+    }
+}
+
+/// By which settings files become assets, beside what each file says. Kept with a curation, so that an asset that is read
+/// again is the one that was looked at.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// How files are read.
+    pub import: ImportConfig,
+    /// What is mended.
+    pub repair: RepairConfig,
+}
+
+impl Reading {
+    /// That of the assets of a curation, if it is told.
+    pub fn of(places: &Places) -> Option<Self> {
+        std::fs::read(places.reading()).ok().and_then(|text| serde_json::from_slice(&text).ok())
+    }
+
+    /// Keeps it beside a corpus.
+    pub(crate) fn store(&self, places: &Places) -> Result<(), CurateError> {
+        store(&places.reading(), &serde_json::to_vec_pretty(self).unwrap_or_default())
     }
 }
 
@@ -412,6 +439,9 @@ pub(crate) fn finish(
     funnel.warnings.extend(doubts);
     if kept.iter().any(|r| source.split(&r.name).is_some()) {
         funnel.split_by = SplitBy::List;
+    }
+    if let Source::Folder(_, config) = source {
+        Reading { import: config.import.clone(), repair: config.repair.clone() }.store(places)?;
     }
     store(&places.assets(), judged.lines(records, &splits).as_bytes())?;
     store(&places.funnel(), &serde_json::to_vec_pretty(&funnel).unwrap_or_default())?;

@@ -11,7 +11,7 @@ use crate::config::{CurateConfig, SplitBy};
 use crate::funnel::Funnel;
 use crate::journal::{key, records, settings, text};
 use crate::record::Record;
-use crate::run::{Places, Shard, Tell, begin, finish, tell_shard};
+use crate::run::{Places, Reading, Shard, Tell, begin, finish, tell_shard};
 use crate::source::Source;
 use crate::stages::StageName;
 use crate::store::store;
@@ -72,6 +72,7 @@ pub fn merge_shards(
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;
         tell_shard(places, Some(&there.concat()))?;
+        tell_reading(&inputs, places)?;
     }
     done
 }
@@ -164,8 +165,21 @@ pub fn listed(corpora: &[PathBuf]) -> Vec<PathBuf> {
 /// The file beside a corpus that says which shards it is of.
 pub(crate) const SHARD: &str = "shard.json";
 
+/// Says how the assets were read, where it is the same for all.
+fn tell_reading(inputs: &[Places], places: &Places) -> Result<(), CurateError> {
+    let mut all = inputs.iter().map(Reading::of);
+    match all.next().flatten().filter(|first| all.all(|other| other.as_ref() == Some(first))) {
+        Some(reading) => reading.store(places),
+        None => {
+            // That of an earlier merge; mostly there is none.
+            let _ = std::fs::remove_file(places.reading());
+            Ok(())
+        }
+    }
+}
+
 /// The shards that a corpus is of, as far as that is said; none of the whole.
-fn shards(corpus: &Path) -> Vec<Shard> {
+pub fn shards(corpus: &Path) -> Vec<Shard> {
     let text = std::fs::read(Places::of(corpus).work.join(SHARD)).unwrap_or_default();
     // Earlier there was one.
     let one = || serde_json::from_slice(&text).map_or(Vec::new(), |one| vec![one]);

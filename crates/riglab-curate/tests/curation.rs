@@ -14,7 +14,8 @@ use riglab_core::{Asset, Joint, Rig, Skeleton};
 use riglab_curate::decisions::{Decision, Decisions, Verdict};
 use riglab_curate::record::Record;
 use riglab_curate::{
-    Category, CurateConfig, CurateError, Funnel, Places, Shard, SplitBy, StageName, curate, listed, merge_shards,
+    Category, CurateConfig, CurateError, Funnel, Places, Reading, Shard, SplitBy, StageName, curate, listed,
+    merge_shards,
 };
 use riglab_data::Corpus;
 
@@ -773,6 +774,29 @@ fn two_corpora_do_not_share_the_folder_beside_them() {
     std::fs::remove_file(path("x.h5")).unwrap();
     merge("x.hdf5").unwrap();
     assert!(matches!(curate("x.h5"), Err(CurateError::OfAnother { .. })));
+}
+
+#[test]
+fn how_files_were_read_is_kept_with_what_came_of_them() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path(), &creatures(4));
+    let out = tempfile::tempdir().unwrap();
+    let mut config = plain();
+    config.repair.control_bones = !config.repair.control_bones;
+    let mut other = config.clone();
+    other.import.virtual_root = true;
+    let part = |number: usize, config: &CurateConfig| {
+        let path = out.path().join(format!("part{number}.h5"));
+        run_shard(dir.path(), &path, None, config).unwrap();
+        path
+    };
+    let merged = Places::of(&out.path().join("merged.h5"));
+    let kept = |second: &CurateConfig| {
+        merge_shards(&[part(1, &config), part(2, second)], &[], &merged, &plain(), &|_, _, _| ()).unwrap();
+        Reading::of(&merged)
+    };
+    assert_eq!(kept(&config), Some(Reading { import: config.import.clone(), repair: config.repair.clone() }));
+    assert_eq!(kept(&other), None);
 }
 
 #[test]

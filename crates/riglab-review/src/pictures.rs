@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use riglab_core::{Asset, Rig};
-use riglab_curate::{CurateConfig, Folder, ImportConfig, ReadOutcome, repair};
+use riglab_curate::{Folder, ImportConfig, ReadOutcome, Reading, RepairConfig, repair};
 use riglab_data::Corpus;
 use riglab_render::{Picture, Theme, View, render_parts, render_skeleton};
 
@@ -31,8 +31,15 @@ pub struct Kind {
 /// Draws cards.
 pub struct Pictures {
     corpus: Option<Corpus>,
-    files: Option<[Folder; 2]>,
+    files: Option<Files>,
     kept: Mutex<Kept>,
+}
+
+/// The files that were curated, and how.
+struct Files {
+    /// One folder as it is read; where nothing says how, as it may be, one after another.
+    folders: Vec<Arc<Folder>>,
+    repair: RepairConfig,
 }
 
 #[derive(Default)]
@@ -49,21 +56,18 @@ struct Drawn {
 }
 
 impl Pictures {
-    /// Of a corpus' rigs, and of those in files of a folder.
+    /// Of a corpus' rigs, and of those in files of a folder, which are read as they were for the curation, if that is told.
     ///
     /// # Errors
     /// When there is no such folder, or no file in it.
-    pub fn new(corpus: Option<Corpus>, folder: Option<&Path>) -> Result<Self, ReviewError> {
-        // Whether characters of one file were parted is known by the names alone.
-        let open = |folder: &Path, split_characters: bool| {
-            let import = ImportConfig { split_characters, ..ImportConfig::default() };
-            Folder::open(folder, &[], &import)
-        };
-        let files = match folder {
-            Some(folder) => Some([open(folder, false)?, open(folder, true)?]),
-            None => None,
-        };
+    pub fn new(corpus: Option<Corpus>, folder: Option<&Path>, reading: Option<Reading>) -> Result<Self, ReviewError> {
+        let files = folder.map(|folder| Files::open(folder, reading)).transpose()?;
         Ok(Self { corpus, files, kept: Mutex::default() })
+    }
+
+    /// The folder of the files, if it was given.
+    pub fn folder(&self) -> Option<Arc<Folder>> {
+        self.files.as_ref().map(|files| files.folders[0].clone())
     }
 
     /// Whether a card can be drawn at all.
@@ -76,7 +80,7 @@ impl Pictures {
 
     /// Of the files of cards that are in no corpus, how many are not in the folder, and how many there are.
     pub fn gone(&self, cards: &[Card]) -> Option<(usize, usize)> {
-        let [folder, _] = self.files.as_ref()?;
+        let folder = self.folder()?;
         let of = |card: &Card| match &card.place {
             Place::File(file) => Some(folder.path(file)),
             Place::Corpus(_) => None,
@@ -108,10 +112,7 @@ impl Pictures {
     fn asset(&self, card: &Card) -> Result<Asset, String> {
         match (&card.place, &self.corpus, &self.files) {
             (Place::Corpus(index), Some(corpus), _) => corpus.asset(*index).map_err(|e| e.to_string()),
-            (Place::File(file), _, Some(folders)) => folders
-                .iter()
-                .find_map(|folder| read(folder, file, &card.name))
-                .ok_or_else(|| format!("{file}: it is not there any more, or another file")),
+            (Place::File(file), _, Some(files)) => files.read(file, card),
             (Place::File(_), _, None) => {
                 Err("it is in no corpus; give --files with the folder that was curated".into())
             }
@@ -136,7 +137,33 @@ impl Kept {
     }
 }
 
-/// An asset of a curated folder, repaired as curation does it.
+impl Files {
+    fn open(folder: &Path, reading: Option<Reading>) -> Result<Self, ReviewError> {
+        let own = reading.clone().unwrap_or_default();
+        let mut ways = vec![own.import.clone()];
+        if reading.is_none() {
+            // Whether characters of one file were parted is known by the names alone.
+            ways.push(ImportConfig { split_characters: true, ..own.import });
+        }
+        let folders = ways.iter().map(|import| Ok(Arc::new(Folder::open(folder, &[], import)?)));
+        Ok(Self { folders: folders.collect::<Result<_, ReviewError>>()?, repair: own.repair })
+    }
+
+    /// The asset of a card, repaired as its curation did, or as curations do by themselves.
+    fn read(&self, file: &str, card: &Card) -> Result<Asset, String> {
+        let Some(mut asset) = self.folders.iter().find_map(|folder| read(folder, file, &card.name)) else {
+            return Err(format!("{file}: it is not there any more, or another file"));
+        };
+        if !card.digest.is_empty() && !asset.provenance.checksum.starts_with(&card.digest) {
+            return Err(format!("{file}: it has changed since it was curated; curate the folder again to see it"));
+        }
+        // What cannot be repaired is shown as it is.
+        let _ = repair(&mut asset, &self.repair);
+        Ok(asset)
+    }
+}
+
+/// An asset of a file of a folder.
 fn read(folder: &Folder, file: &str, name: &str) -> Option<Asset> {
     let mut found = None;
     folder.each(&folder.path(file), None, |one| match one {
@@ -146,10 +173,7 @@ fn read(folder: &Folder, file: &str, name: &str) -> Option<Asset> {
         }
         _ => ControlFlow::Continue(()),
     });
-    let mut asset = found?;
-    // What cannot be repaired is shown as it is.
-    let _ = repair(&mut asset, &CurateConfig::default().repair);
-    Some(asset)
+    found
 }
 
 fn draw(rig: &Rig, kind: Kind) -> Picture {
@@ -180,6 +204,8 @@ fn beside(cells: &[Picture], columns: usize) -> Picture {
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Joint, JointId, Mesh, Provenance, Skeleton, SkinWeights};
+
     use super::*;
 
     #[test]
@@ -198,5 +224,48 @@ mod tests {
         kept.keep((1, kind), Arc::new(vec![0; 10]), 10, 30);
         kept.keep((1, kind), Arc::new(vec![0; 20]), 11, 30);
         assert_eq!(kept.bytes, 20);
+    }
+
+    /// A file of a triangle on two joints, and a third joint that nothing hangs on.
+    fn file(folder: &Path, height: f32) {
+        let joint = |name: &str, parent, y| Joint { name: name.into(), parent, head: [0.0, y, 0.0] };
+        let root = Some(JointId(0));
+        let joints = vec![joint("a", None, 0.0), joint("b", root, height), joint("ik_control", root, 3.0)];
+        let mesh = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, height, 0.5]], vec![[0, 1, 2]]).unwrap();
+        let weights = SkinWeights::normalized(vec![vec![(0u16, 1.0)], vec![(0, 0.5), (1, 0.5)], vec![(1, 1.0)]]);
+        let rig = Rig::new(Skeleton::new(joints).unwrap(), mesh, weights.unwrap()).unwrap();
+        let asset = Asset { name: "a".into(), rig, clips: vec![], provenance: Provenance::default() };
+        std::fs::write(folder.join("a.glb"), riglab_asset::to_glb(&asset)).unwrap();
+    }
+
+    #[test]
+    fn a_card_is_drawn_from_its_file_as_it_was_curated_and_from_no_other() {
+        let dir = tempfile::tempdir().unwrap();
+        file(dir.path(), 1.0);
+        let card = |digest: &str| Card {
+            name: "a.glb".into(),
+            digest: digest.into(),
+            stage: None,
+            reason: String::new(),
+            category: String::new(),
+            by: String::new(),
+            counts: [0; 3],
+            notes: Vec::new(),
+            place: Place::File("a.glb".into()),
+        };
+        let read = |reading: Option<Reading>, digest: &str| {
+            Files::open(dir.path(), reading).unwrap().read("a.glb", &card(digest))
+        };
+        let asset = read(None, "").unwrap();
+        let digest = &asset.provenance.checksum[..16];
+        let repair = |control_bones| RepairConfig { control_bones, ..RepairConfig::default() };
+        let joints = |control_bones| {
+            let reading = Reading { repair: repair(control_bones), ..Reading::default() };
+            read(Some(reading), digest).unwrap().rig.skeleton().len()
+        };
+        assert_eq!([joints(false), joints(true)], [3, 2]);
+        file(dir.path(), 2.0);
+        let said = read(None, digest).unwrap_err();
+        assert!(said.contains("a.glb: it has changed since it was curated"), "{said}");
     }
 }

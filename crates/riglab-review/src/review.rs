@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use riglab_curate::{Places, Reading};
 use riglab_data::Corpus;
 
 use crate::ReviewError;
@@ -45,7 +46,7 @@ impl Review {
             return Err(ReviewError::Io { path: folder.into(), message });
         }
         let ledger = Ledger::open(decisions, &deck.cards)?;
-        let pictures = Pictures::new(stored, files)?;
+        let pictures = Pictures::new(stored, files, Reading::of(&Places::of(corpus)))?;
         let title = corpus.file_name().unwrap_or(corpus.as_os_str()).to_string_lossy().into_owned();
         Ok(Self { title, corpus: corpus.into(), deck, ledger, pictures })
     }
