@@ -1,9 +1,10 @@
 //! The assets that are looked at: those of a corpus, and those that a curation dropped.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
+use std::sync::Arc;
 
-use riglab_curate::{Category, Places};
+use riglab_curate::{Category, Folder, Places, Shard, decisions, shards};
 use riglab_data::Corpus;
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +52,34 @@ pub struct Deck {
     pub cards: Vec<Card>,
     /// Files that could not be read, which have no card.
     pub unreadable: usize,
+    /// What else there may be.
+    pub known: Known,
+}
+
+/// What is known of the files that a decision may be about.
+#[derive(Default)]
+pub struct Known {
+    /// Names of all assets and their files, whether they have cards or not.
+    names: HashSet<String>,
+    /// The parts of the curated files that they are all of, none of the whole; `None` where nothing is said of a curation.
+    parts: Option<Vec<Shard>>,
+    /// The folder as it is now, if it was given.
+    pub folder: Option<Arc<Folder>>,
+}
+
+impl Known {
+    /// Whether there may be an asset of that name, as far as is known: what was decided about it is about no other.
+    pub fn may_be(&self, name: &str) -> bool {
+        let file = decisions::file(name);
+        let is_seen = self.names.contains(name) || self.names.contains(file);
+        let is_of_another = self.parts.as_ref().is_none_or(|parts| !Shard::any_has(parts, file));
+        is_seen || is_of_another || self.folder.as_ref().is_some_and(|folder| folder.is_there(name))
+    }
+
+    /// Whether a name is of the parts that are looked at, not of others, whose decisions are theirs to tell.
+    pub fn is_own(&self, name: &str) -> bool {
+        self.parts.as_ref().is_none_or(|parts| Shard::any_has(parts, decisions::file(name)))
+    }
 }
 
 /// A line of a curation's list; what else stands there is not asked.
@@ -89,7 +118,8 @@ impl Deck {
         if text.is_none() && corpus.is_none() {
             return Err(nothing("there is no such corpus, and no curation beside it"));
         }
-        let mut deck = Self { cards: Vec::new(), unreadable: 0 };
+        let parts = text.is_some().then(|| shards(path));
+        let mut deck = Self { cards: Vec::new(), unreadable: 0, known: Known { parts, ..Known::default() } };
         let mut stored = corpus.map(stored).transpose()?.unwrap_or_default();
         for (number, line) in text.iter().flat_map(|text| text.lines()).enumerate() {
             let line: Line = serde_json::from_str(line).map_err(|e| ReviewError::List {
@@ -97,6 +127,7 @@ impl Deck {
                 line: number + 1,
                 message: e.to_string(),
             })?;
+            deck.known.names.extend([line.name.clone(), line.file.clone()]);
             if line.stage.as_deref() == Some(READ) {
                 deck.unreadable += 1;
             } else {
@@ -105,6 +136,7 @@ impl Deck {
                 deck.cards.push(line.card(place));
             }
         }
+        deck.known.names.extend(stored.keys().map(|(name, _)| name.clone()));
         deck.cards.extend(stored.into_values());
         deck.cards.sort_by(|a, b| (&a.name, &a.digest).cmp(&(&b.name, &b.digest)));
         if deck.cards.is_empty() {
@@ -159,4 +191,12 @@ fn stored(corpus: &Corpus) -> Result<HashMap<(String, String), Card>, ReviewErro
         all.insert((name.clone(), digest), card);
     }
     Ok(all)
+}
+
+#[cfg(test)]
+impl Known {
+    /// Of cards of some parts, none of the whole; `None` where nothing is said.
+    pub fn of(cards: &[Card], parts: Option<Vec<Shard>>) -> Self {
+        Self { names: cards.iter().map(|card| card.name.clone()).collect(), parts, folder: None }
+    }
 }

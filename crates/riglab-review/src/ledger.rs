@@ -1,18 +1,18 @@
 //! The file of decisions, and which card each is about.
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use riglab_curate::CurateError;
 use riglab_curate::decisions::{Decision, Decisions, Verdict, item};
 
-use crate::deck::Card;
+use crate::deck::{Card, Known};
 use crate::hold::Hold;
 
 /// Decisions about cards.
 pub struct Ledger {
     path: PathBuf,
+    known: Known,
     state: Mutex<State>,
     hold: Mutex<Option<Hold>>,
 }
@@ -38,9 +38,9 @@ impl Ledger {
     ///
     /// # Errors
     /// When it cannot be read, or with the first line that is no decision.
-    pub fn open(path: &Path, cards: &[Card]) -> Result<Self, CurateError> {
-        let state = matched(&Decisions::read(path)?, cards);
-        Ok(Self { path: path.into(), state: Mutex::new(state), hold: Mutex::new(None) })
+    pub fn open(path: &Path, cards: &[Card], known: Known) -> Result<Self, CurateError> {
+        let state = matched(&Decisions::read(path)?, cards, &known);
+        Ok(Self { path: path.into(), known, state: Mutex::new(state), hold: Mutex::new(None) })
     }
 
     /// Keeps other servers from the file, until the end.
@@ -72,7 +72,7 @@ impl Ledger {
     /// As [`Self::open`].
     pub fn read(&self, cards: &[Card]) -> Result<State, CurateError> {
         let mut state = self.locked();
-        *state = matched(&Decisions::read(&self.path)?, cards);
+        *state = matched(&Decisions::read(&self.path)?, cards, &self.known);
         Ok(state.clone())
     }
 
@@ -101,20 +101,20 @@ impl Ledger {
         let mut hold = self.held()?;
         let mut all = Decisions::read(&self.path)?;
         let card = &cards[index];
-        let now = &matched(&all, cards).of[index];
+        let now = &matched(&all, cards, &self.known).of[index];
         // A person may have written it otherwise than the page sends it.
         let stands = as_kept(now);
         if was.is_some_and(|was| as_kept(was) != stands) && as_kept(&decision) != stands {
             return Err(CurateError::Newer { name: card.name.clone(), decision: Box::new(now.clone()) });
         }
-        for (name, digest) in superseded(&all, cards, card) {
+        for (name, digest) in superseded(&all, cards, card, &self.known) {
             all.set(&name, &digest, Decision::default());
         }
         all.set(&card.name, &card.digest, decision);
         let write = |hold: &mut Hold| hold.write(&self.path, all.to_text().as_bytes());
         let written = hold.as_mut().map_or(Ok(()), write);
         written.map_err(|e| CurateError::write(&self.path, &e))?;
-        *state = matched(&all, cards);
+        *state = matched(&all, cards, &self.known);
         Ok(state.decided())
     }
 
@@ -130,10 +130,9 @@ fn as_kept(decision: &Decision) -> Decision {
     one.get("", "").cloned().unwrap_or_default()
 }
 
-fn matched(decisions: &Decisions, cards: &[Card]) -> State {
+fn matched(decisions: &Decisions, cards: &[Card], known: &Known) -> State {
     let keys: Vec<(&str, &str)> = cards.iter().map(|c| (c.name.as_str(), c.digest.as_str())).collect();
-    let names: HashSet<&str> = cards.iter().map(|c| c.name.as_str()).collect();
-    let (found, told) = decisions.applied(&keys, |_| true, |name| names.contains(name));
+    let (found, told) = decisions.applied(&keys, |name| known.is_own(name), |name| known.may_be(name));
     let mut of = vec![Decision::default(); cards.len()];
     for (index, (decision, _)) in found {
         of[index] = decision.clone();
@@ -142,13 +141,12 @@ fn matched(decisions: &Decisions, cards: &[Card]) -> State {
 }
 
 /// Decisions that one about this card takes the place of: about its file as it was, and under names that no
-/// asset has any more.
-fn superseded(all: &Decisions, cards: &[Card], card: &Card) -> Vec<(String, String)> {
-    let names: HashSet<&str> = cards.iter().map(|c| c.name.as_str()).collect();
+/// asset can have any more.
+fn superseded(all: &Decisions, cards: &[Card], card: &Card, known: &Known) -> Vec<(String, String)> {
     let twins = cards.iter().filter(|c| c.digest == card.digest && item(&c.name) == item(&card.name)).count();
     let before = |name: &str, digest: &str| match name == card.name {
         true => digest != card.digest,
-        false => twins == 1 && digest == card.digest && item(name) == item(&card.name) && !names.contains(name),
+        false => twins == 1 && digest == card.digest && item(name) == item(&card.name) && !known.may_be(name),
     };
     let old = all.iter().filter(|(name, digest, _)| before(name, digest));
     old.map(|(name, digest, _)| (name.to_owned(), digest.to_owned())).collect()
@@ -156,6 +154,8 @@ fn superseded(all: &Decisions, cards: &[Card], card: &Card) -> Vec<(String, Stri
 
 #[cfg(test)]
 mod tests {
+    use riglab_curate::Shard;
+
     use super::*;
     use crate::deck::Place;
 
@@ -173,6 +173,11 @@ mod tests {
         }
     }
 
+    /// Of the whole of the curated files.
+    fn open(path: &Path, cards: &[Card]) -> Ledger {
+        Ledger::open(path, cards, Known::of(cards, Some(Vec::new()))).unwrap()
+    }
+
     fn verdict(verdict: Verdict) -> Decision {
         Decision { verdict, ..Decision::default() }
     }
@@ -187,7 +192,7 @@ mod tests {
         old.set("elsewhere.glb", "99", verdict(Verdict::Reject)); // of another corpus
         old.write(&path).unwrap();
         let cards = [card("a.glb", "12"), card("b.glb", "22")];
-        let ledger = Ledger::open(&path, &cards).unwrap();
+        let ledger = open(&path, &cards);
         let state = ledger.state();
         assert_eq!((state.of[0].verdict, state.of[1].verdict), (Verdict::Open, Verdict::Reject));
         assert_eq!(state.told.len(), 2);
@@ -200,11 +205,35 @@ mod tests {
     }
 
     #[test]
+    fn what_may_be_about_a_file_elsewhere_stays() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("d.tsv");
+        let cards = [card("a.glb", "11")];
+        let shard = |of: u64| Shard { number: (1..=of).find(|&number| Shard { number, of }.has("a.glb")).unwrap(), of };
+        let (of, own) = (2..).map(|of| (of, shard(of))).find(|(_, own)| !own.has("copy.glb")).unwrap();
+        let mut other = Decisions::default();
+        other.set("copy.glb", "11", verdict(Verdict::Reject));
+        // A copy of another shard, one that may be anywhere, and one that is told to be nowhere.
+        for (parts, told) in
+            [(Some(vec![own]), 0), (None, 1), (Some((1..=of).map(|number| Shard { number, of }).collect()), 0)]
+        {
+            let gone = parts.as_ref().is_some_and(|parts| parts.len() > 1);
+            other.write(&path).unwrap();
+            let ledger = Ledger::open(&path, &cards, Known::of(&cards, parts)).unwrap();
+            let state = ledger.state();
+            assert_eq!((state.of[0].verdict != Verdict::Open, state.told.len()), (gone, told));
+            ledger.decide(&cards, 0, verdict(Verdict::Accept), None).unwrap();
+            let now = Decisions::read(&path).unwrap();
+            assert_eq!((now.get("copy.glb", "11").is_none(), now.get("a.glb", "11").is_some()), (gone, true));
+        }
+    }
+
+    #[test]
     fn what_others_write_meanwhile_stays_and_a_conflict_is_told() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("d.tsv");
         let cards = [card("a", "1"), card("b", "2")];
-        let ledger = Ledger::open(&path, &cards).unwrap();
+        let ledger = open(&path, &cards);
         let mut other = Decisions::default();
         other.set("b", "2", verdict(Verdict::Reject));
         other.write(&path).unwrap();
@@ -221,7 +250,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("d.tsv");
         let cards = [card("a", "1")];
-        let ledger = Ledger::open(&path, &cards).unwrap();
+        let ledger = open(&path, &cards);
         let (nothing, mut said) = (Decision::default(), verdict(Verdict::Accept));
         said.comment = "look at the knees".into();
         ledger.decide(&cards, 0, said.clone(), Some(&nothing)).unwrap();
@@ -247,7 +276,7 @@ mod tests {
         let cards = [card("a", "1")];
         for by_hand in ["a\t1\taccept\t\t\tgood \n", "a\t1\treject\t\tlegs,legs\t\n"] {
             std::fs::write(&path, by_hand).unwrap();
-            let ledger = Ledger::open(&path, &cards).unwrap();
+            let ledger = open(&path, &cards);
             let was = ledger.state().of[0].clone();
             let sent = Decision { comment: was.comment.trim().to_owned(), ..was };
             assert_eq!(ledger.decide(&cards, 0, Decision::default(), Some(&sent)).unwrap(), 0, "{by_hand}");
@@ -259,7 +288,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("d.tsv");
         let cards = [card("a", "1")];
-        let [one, two] = [0, 1].map(|_| Ledger::open(&path, &cards).unwrap());
+        let [one, two] = [0, 1].map(|_| open(&path, &cards));
         one.hold().unwrap();
         assert!(matches!(two.hold(), Err(CurateError::Held(_))));
         one.decide(&cards, 0, verdict(Verdict::Accept), None).unwrap();

@@ -38,15 +38,17 @@ impl Review {
     /// When there is neither corpus nor curation, no folder for the decisions, or something cannot be read.
     pub fn open(corpus: &Path, files: Option<&Path>, decisions: &Path) -> Result<Self, ReviewError> {
         let stored = if corpus.is_file() { Some(Corpus::open(corpus)?) } else { None };
-        let deck = Deck::open(corpus, stored.as_ref())?;
+        let mut deck = Deck::open(corpus, stored.as_ref())?;
         // Told now rather than at the first decision.
         let folder = decisions.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         if !folder.is_dir() {
             let message = "there is no such folder for the file of decisions".into();
             return Err(ReviewError::Io { path: folder.into(), message });
         }
-        let ledger = Ledger::open(decisions, &deck.cards)?;
         let pictures = Pictures::new(stored, files, Reading::of(&Places::of(corpus)))?;
+        let mut known = std::mem::take(&mut deck.known);
+        known.folder = pictures.folder();
+        let ledger = Ledger::open(decisions, &deck.cards, known)?;
         let title = corpus.file_name().unwrap_or(corpus.as_os_str()).to_string_lossy().into_owned();
         Ok(Self { title, corpus: corpus.into(), deck, ledger, pictures })
     }
