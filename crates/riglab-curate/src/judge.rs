@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::Category;
 use crate::config::{CurateConfig, Labeller};
-use crate::decisions::{Decision, Decisions, Match, Verdict};
+use crate::decisions::{Decision, Decisions, Match, Verdict, item};
 use crate::duplicates::groups;
 use crate::record::{READ, Record};
 use crate::shape::Shape;
@@ -82,7 +82,7 @@ pub(crate) fn judge(
     is_there: impl Fn(&str) -> bool,
 ) -> Judgement {
     let keys: Vec<(&str, &str)> = records.iter().map(|r| (r.name.as_str(), r.digest())).collect();
-    let (found, told) = decisions.applied(&keys, is_of_it, is_there);
+    let (found, mut told) = decisions.applied(&keys, is_of_it, is_there);
     let decided = |i: usize| found.get(&i).map_or(Verdict::Open, |(d, _)| d.verdict);
     let mut dropped: Vec<Option<(String, String)>> = records.iter().map(|r| r.dropped.clone()).collect();
     for (i, drop) in dropped.iter_mut().enumerate() {
@@ -123,6 +123,18 @@ pub(crate) fn judge(
                 dropped[other] = Some((StageName::Duplicates.name().into(), why));
             }
             duplicates.push(group);
+        }
+    }
+    // Without the one that was rejected its copies are no duplicates any more. Whether it was for what it shows, or for being
+    // one of them, a person knows.
+    let rejected = (0..records.len()).filter(|&i| decided(i) == Verdict::Reject && !records[i].digest().is_empty());
+    let rejected: HashMap<(&str, &str), &str> = rejected.map(|i| ((item(keys[i].0), keys[i].1), keys[i].0)).collect();
+    for i in (0..records.len()).filter(|&i| dropped[i].is_none() && decided(i) == Verdict::Open) {
+        if let Some(other) = rejected.get(&(item(keys[i].0), keys[i].1)) {
+            told.push(format!(
+                "`{}` is kept, and is byte for byte `{other}`, which a person rejected: decide about it, too",
+                keys[i].0
+            ));
         }
     }
     let decisions = found.into_iter().map(|(i, (d, how))| (i, (d.clone(), how))).collect();

@@ -170,7 +170,9 @@ pub fn curate(
     begin(places)?;
     // Before hours of work, not after them.
     riglab_files::make_folder_of(&places.out).map_err(|e| CurateError::write(&places.out, &e))?;
-    let mut files = Folder::open(folder, &[&places.out, &places.work], &config.import)?;
+    let files = Folder::open(folder, &[&places.out, &places.work], &config.import);
+    // Of a folder that is not there, or has no such file, nothing is left; what holds something stays.
+    let mut files = files.inspect_err(|_| drop(std::fs::remove_dir(&places.work)))?;
     if let Some(hidden) = files.hidden() {
         tell(hidden, 0, 0);
     }

@@ -735,6 +735,8 @@ fn a_decision_is_about_no_copy_in_another_shard() {
     config.decisions = path.display().to_string();
     let whole = run(dir.path(), out.path(), &config).unwrap();
     assert_eq!((dropped(&whole, "decision"), whole.kept), (vec![copied.as_str()], all.len()));
+    let kept = format!("`{own}` is kept, and is byte for byte `{copied}`, which a person rejected");
+    assert!(whole.warnings.iter().any(|told| told.starts_with(&kept)), "{:?}", whole.warnings);
     let parts = [1, 2].map(|number| {
         let part = out.path().join(format!("part{number}.h5"));
         run_shard(dir.path(), &part, Some(shard(number)), &config).unwrap();
