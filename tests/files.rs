@@ -912,7 +912,8 @@ fn a_file_keeps_its_name_where_others_would_take_it() {
     let said = String::from_utf8(must(&["dataset", "import", text(&both), "-o", text(&corpus)]).stderr).unwrap();
     assert!(said.contains("not imported, as their formats hold no rig: scan.obj; --meshes"), "{said}");
     let joints = |file: &Path| {
-        let all = inspected(file)["joints"].as_array().unwrap().iter().map(|joint| joint["head"].to_string());
+        let shown = inspected(file);
+        let all = shown["joints"].as_array().unwrap().iter().map(|joint| joint["head"].to_string());
         let mut all: Vec<String> = all.collect();
         all.sort();
         all

@@ -186,10 +186,10 @@ mod tests {
                       `base`, seed 2 of c.h5 (eeeeffff0000)";
         assert_eq!(tested, wanted);
         evaluated(2, "aaaabbbbccccdddd");
-        assert_eq!(mixed(), [trained.clone()]);
+        assert_eq!(mixed(), std::slice::from_ref(trained));
         // A corpus without a test asset is none of the evaluation's.
         let path = dir.path().join(&plan.jobs[2].folder).join("eval.json");
         std::fs::write(path, r#"{"data": [["c.h5", "aaaabbbbccccdddd", 12, 3], ["d.h5", "99", 7, 0]]}"#).unwrap();
-        assert_eq!(mixed(), [trained.clone()]);
+        assert_eq!(mixed(), std::slice::from_ref(trained));
     }
 }
