@@ -42,10 +42,15 @@ impl Plan {
     ) -> Result<(), SweepError> {
         let failed = attempts(folder);
         let mut before = BTreeMap::new();
-        // Of one that failed nothing is in the table.
-        for job in self.jobs.iter().filter(|job| !matches!(State::of(folder, self, job, &failed), State::Failed(_))) {
+        for job in &self.jobs {
             let run = folder.join(&job.folder);
-            let evaluated = listed(&evaluation(&run).unwrap_or_default(), |_| true);
+            let evaluated = match State::of(folder, self, job, &failed) {
+                // Of one that failed nothing is in the table.
+                State::Failed(_) => continue,
+                State::Finished => listed(&evaluation(&run).unwrap_or_default(), |_| true),
+                // An evaluation of before, which does not count, is made again.
+                _ => Corpora::new(),
+            };
             for (path, sum) in trained_on(&info(&run)).into_iter().chain(evaluated) {
                 before.entry(path).or_insert((sum, job));
             }
@@ -191,5 +196,13 @@ mod tests {
         let path = dir.path().join(&plan.jobs[2].folder).join("eval.json");
         std::fs::write(path, r#"{"data": [["c.h5", "aaaabbbbccccdddd", 12, 3], ["d.h5", "99", 7, 0]]}"#).unwrap();
         assert_eq!(mixed(), std::slice::from_ref(trained));
+        // What evaluations saw that are to be made again is no word on what they see then.
+        let path = dir.path().join(&plan.jobs[0].folder).join("eval.json");
+        std::fs::write(path, r#"{"data": [["t.h5", "1", 3, 1]]}"#).unwrap();
+        let now = |plan: &Plan| plan.same_corpora(dir.path(), |_| true, |_| Ok(vec![("t.h5".into(), "2".into())]));
+        assert!(now(&plan).unwrap_err().to_string().starts_with("t.h5 has changed"));
+        let mut other = plan.clone();
+        other.sweep.evaluate_with.insert("data.test".into(), vec!["a"].into());
+        now(&other).unwrap();
     }
 }

@@ -198,6 +198,16 @@ impl SweepFile {
             ("sweep.product", all(&self.product)),
             ("sweep.zip", all(&self.zip)),
         ];
+        // What is of evaluations alone; they may be on other corpora than training, and mean to.
+        let of_evaluations = |key: &str| key.starts_with("eval.") || key == "data.test";
+        let again: Vec<String> = one(&self.evaluate_with).iter().flat_map(|set| leaves(set)).collect();
+        let again: Vec<String> = again.into_iter().filter(|key| of_evaluations(key)).collect();
+        let differ = own[1..].iter().flat_map(|(place, sets)| sets.iter().map(move |set| (*place, set)));
+        let hidden = differ.flat_map(|(place, set)| leaves(set).into_iter().map(move |key| (place, key)));
+        let hidden = hidden.filter(|(_, key)| again.iter().any(|other| same(key, other))).next();
+        if let Some((place, key)) = hidden {
+            return Some((key, place, "sweep.evaluate_with"));
+        }
         own.iter().enumerate().find_map(|(k, (place, sets))| {
             // What all runs have by default may be another in some.
             let later = own.iter().skip(if k == 0 { own.len() } else { k + 1 });

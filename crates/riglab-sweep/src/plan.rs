@@ -426,6 +426,13 @@ pub(crate) mod tests {
             let said = of(&more).unwrap_err();
             assert!(said.starts_with(&wanted), "{said}");
         }
+        // Points that differ in what all evaluations set are measured alike; they may learn from different corpora.
+        let with = |set: &str| {
+            format!("evaluate = true\nevaluate_with = {{ 'eval.x' = 8, 'data.corpora' = ['t.h5'] }}\n{set}")
+        };
+        let said = of(&with("[sweep.product]\n'eval.x' = [1, 16]")).unwrap_err();
+        assert!(said.starts_with("`sweep.product` sets `eval.x`, and `sweep.evaluate_with` sets it again"), "{said}");
+        assert_eq!(of(&with("[sweep.product]\n'data.corpora' = [['a.h5'], ['b.h5']]")), Ok(()));
         // What all have by default may be another in some.
         assert_eq!(of(&format!("set = {{ 'a.x' = 1 }}\n{product}")), Ok(()));
         assert_eq!(of("set = { 'a.x' = 1 }\n[[sweep.arms]]\nname = 'n'\nset = { 'a.x' = 3 }"), Ok(()));

@@ -65,6 +65,12 @@ impl Plan {
         if replaced.is_empty() && there.as_ref() == Some(self) {
             return Ok(Vec::new());
         }
+        // What failed in evaluations of before is no word on those that are asked for now.
+        let other = |there: &Self| there.sweep.evaluate_with != self.sweep.evaluate_with;
+        let unevaluated = match there.as_ref().filter(|there| other(there)) {
+            Some(there) => there.unevaluated(folder),
+            None => Vec::new(),
+        };
         for (job, text) in &replaced {
             put_aside(folder, job)?;
             write(&self.config(folder, job), text)?;
@@ -76,6 +82,7 @@ impl Plan {
         write(&file_of(folder), &(text + "\n"))?;
         // Not before: until the plan says otherwise they have failed, and are begun anew by the next call.
         replaced.iter().try_for_each(|(job, _)| again(folder, job))?;
+        unevaluated.into_iter().try_for_each(|job| again(folder, job))?;
         Ok(replaced.into_iter().map(|(job, _)| job).collect())
     }
 
@@ -127,6 +134,14 @@ impl Plan {
         let trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
         let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_)) && !trained(job);
         self.jobs.iter().filter(failed).map(|job| job.number).collect()
+    }
+
+    /// The jobs that are trained, and whose evaluation has failed for good.
+    fn unevaluated(&self, folder: &Path) -> Vec<&Job> {
+        let known = attempts(folder);
+        let trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
+        let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_)) && trained(job);
+        self.jobs.iter().filter(failed).collect()
     }
 
     /// What differs first between this plan and a new one, which may have more jobs after the same ones, and other settings
@@ -246,6 +261,18 @@ mod tests {
         assert_eq!((plan.sweep.evaluate, state), (true, State::Trained), "what is trained is evaluated now");
         let said = of("").settle(dir.path(), config).unwrap_err().to_string();
         assert!(said.contains("it has `evaluate = true`, this one has not"), "{said}");
+        // What failed is made again once it is said otherwise, and not before.
+        for _ in 0..2 {
+            let failed = crate::Attempt { job: 0, stage: "eval".into(), reason: "x".into(), given_up: false };
+            crate::record(dir.path(), &failed).unwrap();
+        }
+        let left = |plan: &Plan| {
+            plan.settle(dir.path(), config).unwrap();
+            plan.left(dir.path(), |_| false).len()
+        };
+        let [same, other] =
+            ["", "evaluate_with = { 'data.test' = ['a'] }"].map(|more| of(&format!("evaluate = true\n{more}")));
+        assert_eq!((left(&same), left(&other), left(&other)), (0, 1, 1));
     }
 
     #[test]
@@ -261,11 +288,11 @@ mod tests {
         assert_eq!(jobs[5..], [(5, "new", 1), (6, "new", 2), (7, "a", 2), (8, "b", 2)]);
         assert_eq!((&more.jobs[..4], more.names()), (&there.jobs[..], vec!["a", "b", "new"]));
         // Names that come to the same folder: what is there keeps its own.
-        let (one, two) = (of("[0]", &["λ=1"]), of("[0, 1]", &["μ=1", "λ=1", "1"]));
+        let (one, two) = (of("[0]", &["=1"]), of("[0, 1]", &["~1", "=1", "1"]));
         let jobs = two.following(&one).jobs;
         let folders: Vec<(&str, &str)> = jobs.iter().map(|j| (j.point.as_str(), j.folder.as_str())).collect();
-        assert_eq!(folders[..2], [("λ=1", "jobs/1/seed-0"), ("μ=1", "jobs/1-2/seed-0")]);
-        assert_eq!(folders[3..], [("λ=1", "jobs/1/seed-1"), ("1", "jobs/1-3/seed-0"), ("1", "jobs/1-3/seed-1")]);
+        assert_eq!(folders[..2], [("=1", "jobs/1/seed-0"), ("~1", "jobs/1-2/seed-0")]);
+        assert_eq!(folders[3..], [("=1", "jobs/1/seed-1"), ("1", "jobs/1-3/seed-0"), ("1", "jobs/1-3/seed-1")]);
         // Of another sweep, nothing moves.
         let other = of("[0, 2]", &["a", "b"]);
         assert_eq!(other.clone().following(&there), other);

@@ -14,7 +14,7 @@ use crate::presets;
 /// The table `[sweep]`. Its changes say of which tables they choose another block: jobs have nothing of the former one.
 pub fn file_of(config: &Config) -> Result<SweepFile, ConfigError> {
     let arms = config.get_at::<SweepFile>("sweep")?.arms.len();
-    let places = ["set", "product", "zip"].into_iter().map(|place| format!("sweep.{place}"));
+    let places = ["set", "product", "zip", "evaluate_with"].into_iter().map(|place| format!("sweep.{place}"));
     let places = places.chain((0..arms).map(|arm| format!("sweep.arms[{arm}].set")));
     places.fold(config.clone(), |config, place| config.with_choices(&place)).get_at("sweep")
 }
