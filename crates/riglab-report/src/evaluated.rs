@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// The steps of the checkpoints that `best` and `last` of a run lead to now; `None` where there is none, or it is broken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +27,24 @@ struct Evaluation {
     set: Vec<String>,
     #[serde(default)]
     data: Vec<serde_json::Value>,
+    report: Option<Report>,
+    own_cut: Option<OwnCut>,
+}
+
+/// What is asked of a report.
+#[derive(Deserialize)]
+struct Report {
+    cut: Option<f64>,
+}
+
+/// The cut of a decode rule that a run's own validation assets chose for its checkpoint of this step: kept by an evaluation on
+/// other assets that takes the place of the one that chose it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OwnCut {
+    /// Of the checkpoint.
+    pub step: u64,
+    /// Weights below it are none.
+    pub cut: f64,
 }
 
 /// What is asked of a `run.json`.
@@ -59,7 +77,7 @@ pub fn speaks_for(run: &Path, sets: &[String]) -> bool {
 
 /// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's and where its corpora are
 /// now: what it chose is what the run's own validation assets chose for that checkpoint.
-pub fn chose_for(run: &Path, step: u64) -> bool {
+fn chose_for(run: &Path, step: u64) -> bool {
     let Some(Evaluation { checkpoint, set, data }) = read(run) else { return false };
     let begun = || serde_json::from_slice::<Begun>(&std::fs::read(run.join("run.json")).ok()?).ok();
     // Of each corpus its path, and a checksum.
@@ -68,6 +86,16 @@ pub fn chose_for(run: &Path, step: u64) -> bool {
     let own =
         set.iter().all(moved) && (set.is_empty() || begun().is_some_and(|begun| sums(&begun.data) == sums(&data)));
     own && checkpoint.and_then(|of| of.step) == Some(step)
+}
+
+/// The cut that a run's own validation assets chose for the checkpoint of this step, where an evaluation of it is there, or one
+/// that took its place.
+pub fn own_cut(run: &Path, step: u64) -> Option<OwnCut> {
+    let Evaluation { report, own_cut, .. } = read(run)?;
+    match chose_for(run, step) {
+        true => report?.cut.map(|cut| OwnCut { step, cut }),
+        false => own_cut.filter(|own| own.step == step),
+    }
 }
 
 fn read(run: &Path) -> Option<Evaluation> {
@@ -109,6 +137,16 @@ mod tests {
             chose_for(run, 5)
         };
         assert!(on("sum") && !on("other"));
+        // What they chose outlives an evaluation on others.
+        assert!(evaluated(&of(5, "\"report\": {\"cut\": 0.25}, ")));
+        let own = OwnCut { step: 5, cut: 0.25 };
+        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(own), None]);
+        let kept = serde_json::to_string(&own).unwrap();
+        evaluated(&of(
+            5,
+            &format!("\"set\": [\"data.test=['a']\"], \"report\": {{\"cut\": 0.5}}, \"own_cut\": {kept}, "),
+        ));
+        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(own), None]);
         assert_eq!(Checkpoints::of(run), Checkpoints { best: Some(5), last: Some(8) });
     }
 }

@@ -6,14 +6,14 @@ use riglab_core::{DecodeRule, Rig, SkinWeights, Springs, Swing};
 use riglab_nn::params::Params;
 use riglab_nn::skin_stage::SkinModel;
 use riglab_random::stream;
-use riglab_report::chose_for;
+use riglab_report::own_cut;
 use riglab_train::{Checkpoint, State, named_by};
 use tch::Device;
 
+use super::SkinTask;
 use super::config::SkinTaskConfig;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool};
-use super::{Evaluation, SkinTask};
 use crate::bundle::{self, Card, Stored};
 use crate::fsq_cvae::Prepared;
 use crate::settings::{Settings, TaskSettings};
@@ -72,10 +72,7 @@ impl Skinner {
         let own = Self::blank(&Settings::of_run(run)?, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
-        let evaluated = || serde_json::from_slice::<Evaluation>(&std::fs::read(run.join("eval.json")).ok()?).ok();
-        // One of another checkpoint, or with other settings, says nothing of this one.
-        let of_this = chose_for(run, checkpoint.state().step);
-        let cut = if of_this { evaluated().map(|e| e.report.cut) } else { None }.or(own.cut);
+        let cut = own_cut(run, checkpoint.state().step).map(|own| own.cut).or(own.cut);
         Ok((Self { cut, ..own }, checkpoint.state().clone()))
     }
 

@@ -9,8 +9,8 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use riglab_config::{Config, Difference, Loader};
 use riglab_data::SplitNames;
 use riglab_files::{Unfinished, make_folder_of};
-use riglab_report::chose_for;
 use riglab_report::shell::command;
+use riglab_report::{OwnCut, own_cut};
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
@@ -175,12 +175,8 @@ fn with_its_cut(
     // What is wrong with the corpora is told where they are opened for good.
     let none = Assets::open(&config.data().corpora)
         .is_ok_and(|assets| assets.split(&config.data().validate).is_ok_and(|validation| validation.is_empty()));
-    let own = || {
-        chose_for(run, checkpoint.state().step).then_some(())?;
-        let text = fs::read_to_string(run.join("eval.json")).ok()?;
-        serde_json::from_str::<serde_json::Value>(&text).ok()?["report"]["cut"].as_f64()
-    };
-    if let (true, Some(cut)) = (none, own()) {
+    let own = own_cut(run, checkpoint.state().step).map(|own| own.cut);
+    if let (true, Some(cut)) = (none, own) {
         tell!(
             "note: these corpora have no asset to choose a cut by (eval.cuts); {cut:.4} is taken from {}",
             run.join("eval.json").display()
@@ -353,7 +349,8 @@ impl Visitor for Examination<'_> {
             tell!("note: {}: {note}", path.display());
         }
         let lists = [("set", args.sets.as_slice()), ("trained_on", &seen), ("other_models", &others)];
-        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists)?;
+        let kept = own_cut(&run, checkpoint.state().step).filter(|_| !args.sets.is_empty());
+        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists, kept)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
         let draw = || -> Result<()> {
@@ -401,15 +398,18 @@ fn other_model((key, now, then): (&str, &str, &str)) -> String {
 }
 
 /// An evaluation's file with the corpora it is of; and by name, where they have something, the lists of the settings that
-/// are not the run's, of the assets that were trained on, and of what is said of other models.
-fn with_data(json: &str, data: &[LookedAt], lists: &[(&str, &[String])]) -> Result<String> {
+/// are not the run's, of the assets that were trained on, and of what is said of other models; and the cut that the run's own
+/// assets have chosen, where these are others.
+fn with_data(json: &str, data: &[LookedAt], lists: &[(&str, &[String])], kept: Option<OwnCut>) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
     let named = |name: &str, of: &[String]| match of {
         [] => Ok(String::new()),
         some => serde_json::to_string(some).map(|list| format!("  \"{name}\": {list},\n")),
     };
     let lists = lists.iter().map(|(name, of)| named(name, of)).collect::<Result<String, _>>()?;
-    Ok(format!("{{\n  \"data\": {},\n{lists}{rest}", serde_json::to_string(data)?))
+    let kept = kept.map(|own| serde_json::to_string(&own)).transpose()?;
+    let kept = kept.map_or(String::new(), |own| format!("  \"own_cut\": {own},\n"));
+    Ok(format!("{{\n  \"data\": {},\n{lists}{kept}{rest}", serde_json::to_string(data)?))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<()> {
@@ -424,9 +424,13 @@ mod tests {
     fn an_evaluation_with_another_model_says_so_in_its_file() {
         let said = other_model(("start.model", "ab", "cd"));
         assert!(said.starts_with("start.model names another model (ab) than the run was trained with (cd)"), "{said}");
-        let json =
-            with_data("{\n  \"report\": 1\n}\n", &[], &[("set", &[]), ("other_models", std::slice::from_ref(&said))])
-                .unwrap();
+        let json = with_data(
+            "{\n  \"report\": 1\n}\n",
+            &[],
+            &[("set", &[]), ("other_models", std::slice::from_ref(&said))],
+            None,
+        )
+        .unwrap();
         let read: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert!(read["other_models"][0] == said && read["report"] == 1 && read["set"].is_null(), "{json}");
     }
