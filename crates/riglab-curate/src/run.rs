@@ -113,12 +113,19 @@ impl Places {
     /// # Errors
     /// [`CurateError::OfAnother`] where it is that of another corpus, which is still there.
     pub fn check(&self) -> Result<(), CurateError> {
-        let Ok(name) = std::fs::read_to_string(self.owner()) else { return Ok(()) };
-        let other = self.out.with_file_name(name);
-        if other == self.out || same(&other, &self.out) || !other.is_file() {
-            return Ok(());
+        let own = |other: &PathBuf| *other == self.out || same(other, &self.out);
+        // Folders of earlier versions do not say whose they are: of any corpus there that has such a one.
+        let others = match std::fs::read_to_string(self.owner()) {
+            Ok(name) => vec![self.out.with_file_name(name)],
+            Err(_) if !self.work.is_dir() || self.out.is_file() => return Ok(()),
+            Err(_) => ["h5", "hdf5", ""].map(|ending| self.work.with_extension(ending)).to_vec(),
+        };
+        // One whose folder was moved or copied with another has its own.
+        let there = |other: &PathBuf| !own(other) && other.is_file() && Self::of(other).work == self.work;
+        match others.into_iter().find(there) {
+            Some(other) => Err(CurateError::OfAnother { path: self.out.clone(), work: self.work.clone(), other }),
+            None => Ok(()),
         }
-        Err(CurateError::OfAnother { path: self.out.clone(), work: self.work.clone(), other })
     }
 
     /// Says in the folder beside the corpus whose it is.
@@ -187,8 +194,8 @@ pub fn curate(
         let empty = empty.take(EMPTY).map(|number| Shard { number, ..shard });
         std::iter::once(shard).chain(empty).collect()
     });
-    let (records, journal) = look(&files, places, config, tell)?;
     places.own()?;
+    let (records, journal) = look(&files, places, config, tell)?;
     let done = finish(&Source::Folder(&files, config), &records, places, shard.as_slice(), config, tell);
     match &done {
         // As long as the journal is this run's: of which shard the corpus is, and not which was begun.

@@ -47,7 +47,7 @@ pub fn merge_shards(
     if let Some(missing) = missing(corpora) {
         tell(&missing, 0, 0);
     }
-    let all = gather(&inputs)?;
+    let all = gather(&inputs).inspect_err(|_| drop(std::fs::remove_dir(&places.work)))?;
     let looked_at = looked_at(&inputs, config, tell);
     let checksums: HashMap<&str, &str> = all.iter().map(|record| (record.name.as_str(), record.checksum())).collect();
     let mut open = Vec::new();
@@ -71,7 +71,7 @@ pub fn merge_shards(
     let done = finish(&Source::Corpora(&open, &splits, &known), &all, places, &known, &config, tell);
     if matches!(done, Ok(_) | Err(CurateError::NothingLeft { .. })) {
         store(&places.journal(), text(&all, &looked_at).as_bytes())?;
-        tell_shard(places, Some(&there.concat()))?;
+        tell_shard(places, Some(&known))?;
         tell_reading(&inputs, places)?;
     }
     done
