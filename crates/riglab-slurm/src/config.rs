@@ -128,6 +128,24 @@ impl SlurmConfig {
     /// # Errors
     /// The key below `slurm` that is wrong, with a sentence.
     pub fn validate(&self) -> Result<(), (String, String)> {
+        self.validate_kept()?;
+        for option in &self.options {
+            let name = name_of(option);
+            // Slurm takes a long name by its beginning, too.
+            let is = |taken: &str| taken == name || (name.len() > 2 && taken.starts_with(name));
+            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| is(taken)) {
+                return Err(("slurm.options".into(), format!("`{name}` is not for this list: {why}")));
+            }
+        }
+        Ok(())
+    }
+
+    /// As [`Self::validate`], of what jobs were submitted with: an earlier version took more options, and they go on by
+    /// these.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    pub fn validate_kept(&self) -> Result<(), (String, String)> {
         let fault = |key: &str, message: String| Err((format!("slurm.{key}"), message));
         let words = [
             ("partition", &self.partition),
@@ -174,11 +192,6 @@ impl SlurmConfig {
             let name = name_of(option);
             if !name.starts_with('-') || option.contains(['\n', '\r']) {
                 return fault("options", format!("{option:?} is no option of sbatch; write it as \"--name=value\""));
-            }
-            // Slurm takes a long name by its beginning, too.
-            let is = |taken: &str| taken == name || (name.len() > 2 && taken.starts_with(name));
-            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| is(taken)) {
-                return fault("options", format!("`{name}` is not for this list: {why}"));
             }
         }
         Ok(())

@@ -117,7 +117,15 @@ impl Desk {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
         };
-        self.config = settings(&presets::parse(&path.display().to_string(), &text, sets)?)?;
+        let config = presets::parse(&path.display().to_string(), &text, sets)?;
+        self.config = match sets.is_empty() && config.contains("slurm") {
+            true => {
+                let kept: SlurmConfig = config.get_at("slurm")?;
+                kept.validate_kept().map_err(|(key, message)| config.invalid(&key, message))?;
+                kept
+            }
+            false => settings(&config)?,
+        };
         Ok(self)
     }
 
