@@ -174,22 +174,6 @@ impl GrpoTaskConfig {
         self.data.validate()?;
         self.augment.validate().map_err(|(key, message)| (format!("augment.{key}"), message))?;
         self.train.validate().map_err(|(key, message)| (format!("train.{key}"), message))?;
-        let (cube, default) = (&self.augment.cube, CubeConfig::default());
-        for (key, same, own) in [
-            ("scale_probability", cube.scale_probability == default.scale_probability, "0.0"),
-            ("shift_probability", cube.shift_probability == default.shift_probability, "0.0"),
-            ("into", cube.into == default.into, "[-1.0, 1.0]"),
-        ] {
-            if !same {
-                return bad(
-                    &format!("augment.cube.{key}"),
-                    format!(
-                        "GRPO sets each mesh into the cube by its own box, as `riglab rig` does, and this would change \
-                         nothing: set it to {own}"
-                    ),
-                );
-            }
-        }
         if !self.train.start.is_none() {
             return bad("train.start", "GRPO starts from a trained policy: name it in start.model".into());
         }
@@ -313,6 +297,17 @@ pub(super) fn idle(config: &GrpoTaskConfig, weighs: bool) -> Vec<String> {
     let clips =
         [("objective.clip", own.clip != default.clip), ("objective.clip_high", own.clip_high != default.clip_high)];
     let mut notes = Vec::new();
+    let (cube, plain) = (&config.augment.cube, CubeConfig::default());
+    let of_cube = [
+        ("scale_probability", cube.scale_probability != plain.scale_probability),
+        ("shift_probability", cube.shift_probability != plain.shift_probability),
+        ("into", cube.into != plain.into),
+    ];
+    for (key, _) in of_cube.iter().filter(|(_, set)| *set) {
+        notes.push(format!(
+            "augment.cube.{key} has no effect: each mesh is set into the cube by its own box, as `riglab rig` does"
+        ));
+    }
     for (key, _) in clips.iter().filter(|(_, set)| *set && config.rollout.updates() == 1) {
         notes.push(format!(
             "{key} has no effect: each rollout is used for one step, in which all ratios are 1; raise rollout.epochs or \
@@ -370,6 +365,9 @@ mod tests {
         assert_eq!(of(clips), ["objective.clip", "objective.clip_high"]);
         assert!(of(|c| (c.objective.clip, c.rollout.minibatches) = (0.1, 2)).is_empty());
         assert_eq!(of(|c| c.objective.length = 100.0), ["objective.length"]);
+        let cube = ["scale_probability", "shift_probability"].map(|key| format!("augment.cube.{key}"));
+        assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), cube);
+        assert_eq!(of(|c| c.augment.cube.into = [0.0, 1.0]), ["augment.cube.into"]);
         assert!(of(|c| (c.objective.length, c.objective.norm) = (100.0, Norm::Constant)).is_empty());
         assert_eq!(of(|c| c.eval.vertices = 2048), ["eval.vertices"]);
         assert!(of(|c| c.eval.vertices = 64).is_empty());
@@ -412,9 +410,6 @@ mod tests {
             Err("reward.weights".into())
         );
         assert_eq!(of(|c| c.train.start.from = "a".into()), Err("train.start".into()));
-        assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), Err("augment.cube.scale_probability".into()));
-        assert_eq!(of(|c| c.augment.cube.shift_probability = 0.5), Err("augment.cube.shift_probability".into()));
-        assert_eq!(of(|c| c.augment.cube.into = [0.0, 1.0]), Err("augment.cube.into".into()));
         assert_eq!(of(|c| c.reward.poses = 0), Err("reward.poses".into()));
         assert_eq!(of(|c| c.objective.clip = 0.0), Err("objective.clip".into()));
         assert_eq!(of(|c| c.guard.worse = 0.5), Err("guard.worse".into()));
