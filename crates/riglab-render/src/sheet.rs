@@ -75,7 +75,7 @@ mod tests {
     fn long_captions_are_cut() {
         assert_eq!(cut("abcdef", 35), "abcdef");
         assert_eq!(cut("abcdef", 34), "ab..f");
-        assert_eq!(cut("abcdefgh", 41), "ab..gh");
+        assert_eq!(cut("abcdefgh", 41), "abc..gh");
         assert_eq!(cut("abcdef", 3), "");
     }
 }

@@ -86,7 +86,11 @@ impl Notes {
             return self.0.push(Kind { key, names, said, figure, differs: false });
         };
         if kind.names == [name] {
-            kind.figure = if figure > kind.figure { figure } else { kind.figure };
+            // Of several the worst stands first, which stays when others come.
+            if figure > kind.figure {
+                kind.figure = figure;
+                return kind.said.insert(0, said);
+            }
             return kind.said.push(said);
         }
         kind.said.truncate(1);
@@ -177,10 +181,13 @@ mod tests {
         // A file that is the worst twice, and one before a milder one.
         let mut notes = Notes::default();
         let beyond = |most| WriteNote::Beyond { half: 0.5, assets: 1, beyond: 1, most };
-        [("a", 1.5), ("a", 4.0), ("b", 3.0), ("c", 5.0), ("b", 2.0), ("a", 6.0)]
-            .iter()
-            .for_each(|(name, most)| notes.written(name, &beyond(*most)));
-        let lines = notes.lines();
+        let mut put = |all: &[(&str, f64)]| {
+            all.iter().for_each(|(name, most)| notes.written(name, &beyond(*most)));
+            notes.lines()
+        };
+        let lines = put(&[("a", 1.5), ("a", 4.0), ("b", 3.0)]);
+        assert!(lines.len() == 1 && lines[0].starts_with("a, b: ") && lines[0].contains("to 4"), "{lines:?}");
+        let lines = put(&[("c", 5.0), ("b", 2.0), ("a", 6.0)]);
         assert!(lines.len() == 1 && lines[0].starts_with("a, c, b: ") && lines[0].contains("to 6"), "{lines:?}");
         // Of one file each is told.
         let mut notes = Notes::default();

@@ -245,8 +245,10 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     }
     // A folder without any is no fault of rigged files.
     let models = if args.meshes { Vec::new() } else { models_below(&args.folder).map_or(Vec::new(), |all| all.files) };
-    let models = models.into_iter().filter(|path| !found.files.contains(path)).collect();
-    let bare = bare_names(&args.folder, &found.files, models);
+    let rigged: HashSet<&PathBuf> = found.files.iter().collect();
+    let models: Vec<PathBuf> = models.into_iter().filter(|path| !rigged.contains(path)).collect();
+    // What rigged files have beside them is asked for where it may matter: it takes a look into each.
+    let bare = if models.is_empty() { Vec::new() } else { bare_names(&args.folder, &found.files, models) };
     if !bare.is_empty() {
         let named = some_of(&bare);
         tell!("note: not imported, as their formats hold no rig: {named}; --meshes imports the meshes of a folder");
