@@ -78,7 +78,7 @@ pub fn speaks_for(run: &Path, sets: &[String]) -> bool {
 /// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's and where its corpora are
 /// now: what it chose is what the run's own validation assets chose for that checkpoint.
 fn chose_for(run: &Path, step: u64) -> bool {
-    let Some(Evaluation { checkpoint, set, data }) = read(run) else { return false };
+    let Some(Evaluation { checkpoint, set, data, .. }) = read(run) else { return false };
     let begun = || serde_json::from_slice::<Begun>(&std::fs::read(run.join("run.json")).ok()?).ok();
     // Of each corpus its path, and a checksum.
     let sums = |data: &[serde_json::Value]| data.iter().map(|of| of[1].clone()).collect::<Vec<_>>();

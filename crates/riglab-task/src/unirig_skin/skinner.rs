@@ -72,7 +72,7 @@ impl Skinner {
         let own = Self::blank(&Settings::of_run(run)?, device)?;
         let checkpoint = Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map_err(|e| e.to_string())?;
         checkpoint.load_weights(&own.params).map_err(|e| e.to_string())?;
-        let cut = own_cut(run, checkpoint.state().step).map(|own| own.cut).or(own.cut);
+        let cut = own_cut(run, checkpoint.state().step).map(|own| own.cut as f32).or(own.cut);
         Ok((Self { cut, ..own }, checkpoint.state().clone()))
     }
 

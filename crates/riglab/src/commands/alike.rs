@@ -181,7 +181,7 @@ mod tests {
         // A file that is the worst twice, and one before a milder one.
         let mut notes = Notes::default();
         let beyond = |most| WriteNote::Beyond { half: 0.5, assets: 1, beyond: 1, most };
-        let mut put = |all: &[(&str, f64)]| {
+        let mut put = |all: &[(&str, f32)]| {
             all.iter().for_each(|(name, most)| notes.written(name, &beyond(*most)));
             notes.lines()
         };
