@@ -674,6 +674,19 @@ fn a_run_of_relative_paths_says_where_it_goes_on() {
 }
 
 #[test]
+fn experiments_of_the_working_folder_come_before_built_in_ones() {
+    let temp = tempfile::tempdir().unwrap();
+    let own = temp.path().join("experiments/quickstart");
+    fs::create_dir_all(&own).unwrap();
+    fs::write(own.join("demo.toml"), "task = 'fsq_cvae'\nmine = 1\n").unwrap();
+    fs::write(temp.path().join("other.toml"), "extends = 'quickstart/demo.toml'\n").unwrap();
+    for name in ["quickstart/demo.toml", "other.toml", "experiments/quickstart/demo.toml"] {
+        let said = refusal(riglab(&["train", name, "--dry-run"]).current_dir(temp.path()));
+        assert!(said.contains("mine"), "{name}: {said}");
+    }
+}
+
+#[test]
 fn results_are_written_over_results_alone() {
     let temp = tempfile::tempdir().unwrap();
     let files = temp.path().join("files");

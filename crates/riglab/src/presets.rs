@@ -8,9 +8,9 @@ use riglab_config::{Config, ConfigError, Loader};
 static CONFIGS: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../configs");
 static EXPERIMENTS: Dir = include_dir!("$CARGO_MANIFEST_DIR/../../experiments");
 
-/// Loads a config: a file, or an experiment that is compiled in by its name
-/// (`quickstart/fsq_cvae.toml`). What it extends is looked up beside it, in `configs/` and
-/// `experiments/` of the working folder, then among the compiled-in ones.
+/// Loads a config: a file, or an experiment by its name (`quickstart/fsq_cvae.toml`). It and what it extends are looked up
+/// beside it, in `configs/` and `experiments/` of the working folder, then among the compiled-in ones: who edits the source
+/// tree's is in it.
 pub fn load(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     load_beside(None, name, sets)
 }
@@ -23,7 +23,7 @@ pub fn load_beside(file: Option<&Path>, name: &str, sets: &[String]) -> Result<C
     let loader = Loader::new().search(&search).built_in(&built_in);
     let wanted = name.strip_prefix("experiments/").unwrap_or(name);
     match EXPERIMENTS.get_file(wanted).and_then(|f| f.contents_utf8()) {
-        Some(text) if !PathBuf::from(name).is_file() => loader.parse(&format!("built-in {name}"), text, sets),
+        Some(text) if !is_there(name, &search) => loader.parse(&format!("built-in {name}"), text, sets),
         _ => loader.load(name, sets),
     }
 }
@@ -41,9 +41,14 @@ pub fn load_block(name: &str, sets: &[String]) -> Result<Config, ConfigError> {
     let loader = Loader::new().search(&search).built_in(&built_in);
     let wanted = name.strip_prefix("configs/").unwrap_or(name);
     match CONFIGS.get_file(wanted).and_then(|f| f.contents_utf8()) {
-        Some(text) if !PathBuf::from(name).is_file() => loader.parse(&format!("built-in {name}"), text, sets),
+        Some(text) if !is_there(name, &search) => loader.parse(&format!("built-in {name}"), text, sets),
         _ => loader.load(name, sets),
     }
+}
+
+/// Whether a name is that of a file, by itself or below one of some folders.
+fn is_there(name: &str, search: &[PathBuf]) -> bool {
+    Path::new(name).is_file() || search.iter().any(|folder| folder.join(name).is_file())
 }
 
 /// The experiments of one run that are compiled in, with the sentence that each begins with.
