@@ -83,6 +83,14 @@ impl Results {
         }
     }
 
+    /// Whether runs learned from different corpora because their settings say so, none of which has changed since.
+    pub fn is_meant(&self) -> bool {
+        let all = self.numbers.iter().flat_map(|numbers| &numbers.trained_on);
+        let different: BTreeSet<&(String, String)> = all.collect();
+        let paths: BTreeSet<&str> = different.iter().map(|(path, _)| path.as_str()).collect();
+        self.evaluation_groups().is_none() && paths.len() == different.len()
+    }
+
     /// The runs by what they learned from, where that is not the same for all.
     pub fn training_groups(&self) -> Option<String> {
         self.groups(self.numbers.iter().map(|numbers| &numbers.trained_on))
@@ -192,6 +200,10 @@ mod tests {
         assert_eq!(tested, wanted);
         evaluated(2, "aaaabbbbccccdddd");
         assert_eq!(mixed(), std::slice::from_ref(trained));
+        let mut results = Results::read(dir.path(), &plan);
+        assert!(!results.is_meant(), "one corpus that has changed");
+        results.numbers[0].trained_on = [("other.h5".to_owned(), "99".to_owned())].into();
+        assert!(results.is_meant());
         // A corpus without a test asset is none of the evaluation's.
         let path = dir.path().join(&plan.jobs[2].folder).join("eval.json");
         std::fs::write(path, r#"{"data": [["c.h5", "aaaabbbbccccdddd", 12, 3], ["d.h5", "99", 7, 0]]}"#).unwrap();

@@ -412,7 +412,10 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
         tell!("correct the sweep's file and give it again: what is trained stays, and the table is written anew");
     }
     for sentence in results.mixed() {
-        tell!("warning: {sentence}; what differs may be the corpora's doing");
+        match results.is_meant() {
+            true => tell!("note: {sentence}"),
+            false => tell!("warning: {sentence}; what differs may be the corpora's doing"),
+        }
     }
     if plan.sweep.evaluate && results.evaluation_groups().is_some() {
         tell!(
