@@ -90,7 +90,7 @@ pub fn run(options: &Options) -> Result<()> {
     if run.join("config.toml").exists() {
         riglab(&["--threads", "1", "train", "--resume", &shown(&run)])?;
     } else {
-        let corpora = format!("data.corpora=[{:?}]", shown(&corpus));
+        let corpora = as_corpora(&corpus);
         // A network this small gains nothing from a second thread.
         riglab(&["--threads", "1", "train", "quickstart/demo.toml", "--set", &corpora, "--run", &shown(&run)])?;
     }
@@ -106,7 +106,7 @@ pub fn run(options: &Options) -> Result<()> {
     if refined.join("config.toml").exists() {
         riglab(&["train", "--resume", &shown(&refined)])?;
     } else {
-        let corpora = format!("data.corpora=[{:?}]", shown(&corpus));
+        let corpora = as_corpora(&corpus);
         riglab(&["train", "quickstart/grpo.toml", "--set", &corpora, "--run", &shown(&refined)])?;
     }
     riglab(&["eval", &shown(&refined), "--checkpoint", "last"])?;
@@ -166,7 +166,7 @@ fn ending([report, gains]: &[&Path; 2], corpus: &Path, took: Duration, own: bool
     }
     println!(
         "  cargo run --release --bin riglab -- train quickstart/fsq_cvae.toml --set {}",
-        quoted(&format!("data.corpora=[{:?}]", shown(corpus)))
+        quoted(&as_corpora(corpus))
     );
     println!("                                        a quarter of an hour, a much better model");
     println!("  cargo run --release --bin riglab -- help");
@@ -193,6 +193,19 @@ fn riglab(args: &[&str]) -> Result<()> {
     }
 }
 
+/// The setting that names one corpus, as TOML: what Rust's `{:?}` writes of other signs is none.
+fn as_corpora(corpus: &Path) -> String {
+    let mut text = String::from("data.corpora=[\"");
+    for c in shown(corpus).chars() {
+        match c {
+            '"' | '\\' => text.extend(['\\', c]),
+            c if c.is_control() => text += &format!("\\u{:04x}", u32::from(c)),
+            c => text.push(c),
+        }
+    }
+    text + "\"]"
+}
+
 /// An argument as one would type it.
 fn quoted(arg: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,=:".contains(c);
@@ -210,6 +223,15 @@ fn shown(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_corpus_is_named_in_toml_whatever_its_path_is() {
+        let of = |path: &str| as_corpora(Path::new(path));
+        assert_eq!(of("/a/corpus.h5"), r#"data.corpora=["/a/corpus.h5"]"#);
+        // A mark that stands over the sign before it, and a space that breaks no line.
+        assert_eq!(of("/e\u{301}\u{a0}x.h5"), "data.corpora=[\"/e\u{301}\u{a0}x.h5\"]");
+        assert_eq!(of("/a\"b\\c\n\u{7f}"), r#"data.corpora=["/a\"b\\c\u000a\u007f"]"#);
+    }
 
     #[test]
     fn a_demo_is_not_gone_on_with_for_other_files() {
