@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Result, bail};
 use sha2::{Digest, Sha256};
@@ -177,6 +178,45 @@ pub fn cache() -> Result<PathBuf> {
     Ok(dir)
 }
 
+/// A folder of its own to fill, which goes with what is given back. What calls that were broken off left under the same
+/// prefix goes first: nothing else ever takes it away.
+pub fn temporary(cache: &Path, prefix: &str) -> Result<tempfile::TempDir> {
+    remove_stale(cache, prefix, SystemTime::now());
+    let made = tempfile::Builder::new().prefix(prefix).tempdir_in(cache);
+    made.with_context(|| format!("cannot write to {}; make it writable, or set XDG_CACHE_HOME", cache.display()))
+}
+
+/// What is older than this is nobody's any more: a download writes all the time.
+const STALE: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Removes temporary folders that nothing was written into for a day, and none that cannot be looked into.
+fn remove_stale(cache: &Path, prefix: &str, now: SystemTime) {
+    let Ok(entries) = fs::read_dir(cache) else { return };
+    for entry in entries.flatten() {
+        // A link is nothing that was made here.
+        let own =
+            entry.file_name().to_string_lossy().starts_with(prefix) && entry.file_type().is_ok_and(|t| t.is_dir());
+        let is_old = |time: SystemTime| now.duration_since(time).is_ok_and(|age| age > STALE);
+        if own && last_write(&entry.path()).is_some_and(is_old) {
+            // Another call may take it away at the same time.
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+/// When something below a folder was last written; `None` where that cannot be told. Files that were unpacked or installed may
+/// have an earlier time than that, their folders have not.
+fn last_write(folder: &Path) -> Option<SystemTime> {
+    let mut last = fs::symlink_metadata(folder).and_then(|meta| meta.modified()).ok()?;
+    for entry in fs::read_dir(folder).ok()? {
+        let entry = entry.ok()?;
+        let meta = entry.metadata().ok()?;
+        let time = if meta.is_dir() { last_write(&entry.path())? } else { meta.modified().ok()? };
+        last = last.max(time);
+    }
+    Some(last)
+}
+
 /// Points the link `link` at `target`, replacing an older link in one step.
 pub fn symlink(target: &Path, link: &Path) -> Result<()> {
     if fs::read_link(link).is_ok_and(|t| t == target) {
@@ -192,4 +232,36 @@ pub fn symlink(target: &Path, link: &Path) -> Result<()> {
     ));
     std::os::unix::fs::symlink(target, &new).with_context(|| format!("cannot link {}", link.display()))?;
     fs::rename(&new, link).with_context(|| format!("cannot link {}; is something else there?", link.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_broken_calls_left_goes_after_a_day() {
+        let cache = tempfile::tempdir().unwrap();
+        let made = |name: &str| {
+            let lib = cache.path().join(name).join("made");
+            fs::create_dir_all(&lib).unwrap();
+            fs::write(lib.join("a.whl"), "part").unwrap();
+        };
+        ["libtorch-2", ".libtorch-old", ".libtorch-held", ".venv-old"].into_iter().for_each(made);
+        let there = || {
+            let names = fs::read_dir(cache.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+            let mut names: Vec<String> = names.collect();
+            names.sort();
+            names
+        };
+        let now = SystemTime::now();
+        remove_stale(cache.path(), ".libtorch-", now + STALE / 2);
+        assert_eq!(there(), [".libtorch-held", ".libtorch-old", ".venv-old", "libtorch-2"]);
+        // Something is still written deep in one of them.
+        let file = File::options().write(true).open(cache.path().join(".libtorch-held/made/a.whl")).unwrap();
+        file.set_modified(now + STALE).unwrap();
+        remove_stale(cache.path(), ".libtorch-", now + STALE + STALE / 2);
+        assert_eq!(there(), [".libtorch-held", ".venv-old", "libtorch-2"]);
+        let own = temporary(cache.path(), ".venv-").unwrap();
+        assert!(own.path().is_dir() && there().contains(&".venv-old".to_owned()));
+    }
 }

