@@ -30,7 +30,8 @@ impl DeviceArgs {
     /// What a job of this command on another machine is to be told: nothing where it was not asked for here, so that the
     /// job's own surroundings say.
     pub fn asked(&self) -> Option<&str> {
-        self.device.as_deref()
+        // A variable that is set to nothing says nothing.
+        self.device.as_deref().filter(|name| !name.trim().is_empty())
     }
 
     /// That of commands that are several processes at times: those share processors alone.
@@ -51,5 +52,17 @@ pub fn name(device: Device) -> String {
     match device {
         Device::Cuda(number) => format!("cuda:{number}"),
         _ => "cpu".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_empty_variable_asks_for_nothing() {
+        let asked = |device: Option<&str>| DeviceArgs { device: device.map(str::to_owned) }.asked().map(str::to_owned);
+        assert_eq!([asked(None), asked(Some("")), asked(Some(" "))], [None, None, None]);
+        assert_eq!(asked(Some("cuda:0")), Some("cuda:0".into()));
     }
 }
