@@ -548,6 +548,7 @@ fn models_of_every_task_are_shown_and_what_is_exported_is_said() {
     fs::write(&file, best).unwrap();
     let lines = |shown: &str| shown.lines().skip(1).map(str::to_owned).collect::<Vec<_>>();
     assert_eq!(lines(&show(&file)), lines(&of_run), "but for the name");
+    assert_eq!(riglab_task::bundle::Stored::open(&file).unwrap().card.text, "", "a model without a card has none");
     // What is known of a model goes on with it.
     let (folder, again, card) =
         (temp.path().join("model"), temp.path().join("b.safetensors"), temp.path().join("c.md"));

@@ -150,7 +150,8 @@ fn export(args: &ExportArgs) -> Result<ExitCode> {
     };
     // A folder's path is of use on one machine only.
     let own = run.and_then(|run| called(run)).unwrap_or(found.name);
-    let text = written(text);
+    // One of nothing is none: who reads the file is told where a model has no card.
+    let text = if text.trim().is_empty() { String::new() } else { text };
     let mut card = Card { name: args.name.clone().unwrap_or(own), text, state: found.state };
     if folder {
         // Of a policy that rewards refined, what evaluates it is the task that it was.
