@@ -5,7 +5,7 @@ mod corpus;
 mod lost;
 mod store;
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -37,7 +37,7 @@ use store::{note_place, spare, spare_inputs, store, warn};
 /// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The name of OUT tells
 /// which; an npz that is not called raw_data.npz, a txt that does not end in _rig.txt, and an h5 made of a corpus need
 /// --to. A folder or a file of several assets goes into a folder, a file an asset, or into one file of a format that
-/// holds several. Where a format has Z up, axes are turned.
+/// holds several, where names keep the folders of their files. Where a format has Z up, axes are turned.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// Into an FBX go nodes, meshes, weights, materials with their pictures, morph targets and motions of a glTF, VRM or FBX; of
 /// corpora mesh, skeleton, weights and motions.
@@ -343,7 +343,7 @@ fn together(
     // The names that were written, with what is known of each.
     let (mut written, mut about) = (Vec::new(), Vec::new());
     let (mut lost, mut notes) = (Lost::default(), Notes::default());
-    let mut names = HashSet::new();
+    let mut names = Names::default();
     let progress = OfFiles::new("reading", files.len());
     let set = |done, of| progress.set(done, of);
     let tally = Tally::new(files.len(), 0, &set);
@@ -364,12 +364,13 @@ fn together(
             let held = |asset: Asset| target.holds(&asset).map(|()| asset).map_err(anyhow::Error::from);
             match placed.map_err(anyhow::Error::from).and_then(held) {
                 Ok(mut asset) => {
-                    let (own, mut again) = (asset.name.clone(), 1);
-                    let its = one_of_several.then_some(own.as_str());
+                    let its = one_of_several.then_some(asset.name.as_str());
                     about.extend(known.as_ref().map(|known| known.about(file, its, &asset.provenance)));
-                    while !names.insert(asset.name.clone()) {
-                        again += 1;
-                        asset.name = format!("{own}-{again}");
+                    let below = if known.is_some() { with_folders(&args.input, file, &asset.name) } else { asset.name };
+                    asset.name = names.free(&below);
+                    if asset.name != below {
+                        let file = file.display();
+                        tell!("note: {file}: written as `{}`, as another one is called `{below}`", asset.name);
                     }
                     broken = filling.add(&asset);
                     if broken.is_err() {
@@ -407,6 +408,38 @@ fn together(
     lost.tell(&args.input, target);
     say!("{}: {}, {failed} left out", out.display(), counted(written.len(), "asset"));
     Ok(if failed > 0 { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// What an asset of a folder's file is called among those of other files: folders below the input stay before its name, as a
+/// corpus of the folder has them. One that is called as its folder, as those of UniRig are, has that once.
+fn with_folders(input: &Path, file: &Path, name: &str) -> String {
+    let is_folders = |folder: &&Path| {
+        folder.file_name().is_some_and(|own| own == name) && file.file_stem().is_some_and(|stem| stem != name)
+    };
+    let folder = file.parent().and_then(|folder| Some(folder).filter(is_folders).map_or(Some(folder), Path::parent));
+    let folders = folder.and_then(|folder| folder.strip_prefix(input).ok());
+    let folders = folders.into_iter().flat_map(Path::iter).map(|step| step.to_string_lossy().into_owned());
+    folders.chain([name.to_owned()]).collect::<Vec<_>>().join("/")
+}
+
+/// Names that are taken, with the last number that was put behind each.
+#[derive(Default)]
+struct Names(HashMap<String, usize>);
+
+impl Names {
+    /// A name, with a number where it is taken.
+    fn free(&mut self, name: &str) -> String {
+        let mut again = self.0.get(name).copied().unwrap_or(0);
+        loop {
+            again += 1;
+            let free = if again > 1 { format!("{name}-{again}") } else { name.to_owned() };
+            if again == 1 || !self.0.contains_key(&free) {
+                self.0.insert(name.to_owned(), again);
+                self.0.entry(free.clone()).or_insert(1);
+                return free;
+            }
+        }
+    }
 }
 
 /// What an asset of a file is called as a file. One of several has the name that it was given there, which is that of a file
@@ -513,6 +546,17 @@ mod tests {
         assert!(told(&["--frames", "parallel"], &files).unwrap().contains("the joints of 2 glTF files"));
         assert_eq!([told(&[], &files), told(&["--frames", "bone"], &files[2..])], [None, None]);
         assert_eq!(told(&["--frames", "bone", "--character", "1"], &files), None);
+    }
+
+    #[test]
+    fn assets_of_one_name_keep_their_folders_or_get_numbers() {
+        let of = |file: &str| with_folders(Path::new("in"), Path::new(file), "fox");
+        assert_eq!([of("in/fox.glb"), of("in/a/fox.glb"), of("in/a/b/fox.glb")], ["fox", "a/fox", "a/b/fox"]);
+        assert_eq!([of("in/fox/raw_data.npz"), of("in/a/fox/raw_data.npz")], ["fox", "a/fox"]);
+        assert_eq!([of("in/fox/fox.glb"), of("fox/raw_data.npz")], ["fox/fox", "fox"]);
+        let mut names = Names::default();
+        let free = ["fox", "fox-2", "fox", "fox", "fox-2", "cat"].map(|name| names.free(name));
+        assert_eq!(free, ["fox", "fox-2", "fox-3", "fox-4", "fox-2-2", "cat"]);
     }
 
     #[test]
