@@ -59,7 +59,7 @@ const SWITCHES: [(&str, &str); 4] = [
 ///
 /// Besides threads: huge pages for large tensors (5 to 9 % of a step), memory that is kept for the next tensor rather than
 /// given back (`memory.cpp`), few kernels kept, denormals flushed to zero (they slow sums of tiny gradients down by an order
-/// of magnitude), deterministic algorithms.
+/// of magnitude), deterministic algorithms; as many threads for what is computed beside libtorch.
 /// Gives the number of threads.
 pub fn init(settings: Settings) -> usize {
     static ONCE: Once = Once::new();
@@ -78,6 +78,7 @@ pub fn init(settings: Settings) -> usize {
             n => n,
         };
         tch::set_num_threads(threads as i32);
+        bound_rayon(threads);
         // One graph runs at a time: threads between ops would only compete.
         tch::set_num_interop_threads(1);
         // SAFETY: plain values.
@@ -85,6 +86,15 @@ pub fn init(settings: Settings) -> usize {
         debug_assert_eq!(code, 0);
     });
     tch::get_num_threads() as usize
+}
+
+/// Lets rayon, which samples sequences and prepares assets, start no more threads than were asked for: of a sweep's jobs each
+/// would start as many as there are processors. One is left alone: loaders prepare beside the step, on threads of their own,
+/// and share rayon's. So is a pool that is there already.
+fn bound_rayon(threads: usize) {
+    if threads > 1 {
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    }
 }
 
 /// Starts the program anew with threads that wait patiently, unless the environment says how they are
