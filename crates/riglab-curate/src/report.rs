@@ -1,6 +1,6 @@
 //! The funnel as a page.
 
-use riglab_report::{Bars, Block, Cell, Page, Picture, Table, counted};
+use riglab_report::{Bars, Block, Cell, Page, PageKind, Picture, Table, counted};
 
 use crate::Category;
 use crate::config::CurateConfig;
@@ -62,7 +62,7 @@ pub fn page(funnel: &Funnel, pictures: &Pictures, config: &CurateConfig) -> Page
         blocks.push(Block::Table(table));
     }
     let subtitle = format!("{} of {} assets kept", funnel.kept, funnel.assets);
-    Page { title: "Curation".into(), subtitle, blocks }
+    Page { kind: PageKind::Curation, title: "Curation".into(), subtitle, blocks }
 }
 
 /// A warning as a paragraph of its own: with a full stop, unless it ends as a sentence already.

@@ -189,7 +189,7 @@ mod tests {
     }
 
     fn page(blocks: Vec<Block>) -> Page {
-        Page { title: "t".into(), subtitle: "s".into(), blocks }
+        Page { kind: crate::PageKind::Report, title: "t".into(), subtitle: "s".into(), blocks }
     }
 
     #[test]

@@ -375,7 +375,8 @@ pub(crate) mod tests {
         let table = found.published_table().unwrap();
         let swapped = "the row of MagicArticulate has its two data sets swapped";
         assert_eq!(table.note.matches(swapped).count(), 1, "{}", table.note);
-        let page = crate::Page { title: "t".into(), subtitle: "s".into(), blocks: vec![Block::Table(table)] };
+        let (title, subtitle, blocks) = ("t".into(), "s".into(), vec![Block::Table(table)]);
+        let page = crate::Page { kind: crate::PageKind::Report, title, subtitle, blocks };
         for form in [page.to_html().unwrap(), page.to_markdown(), page.to_latex()] {
             assert!(form.contains(swapped), "{form}");
         }

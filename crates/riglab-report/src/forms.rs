@@ -243,6 +243,7 @@ mod tests {
         table.row(vec![Cell::text("a_b"), Cell::text("none"), Cell::number(f64::NAN, 2)]);
         let line = Series { name: "loss".into(), points: vec![(1.0, 2.0), (2.0, f64::NAN), (3.0, 0.25)] };
         Page {
+            kind: crate::PageKind::Report,
             title: "T <b>".into(),
             subtitle: "1 < 2".into(),
             blocks: vec![
@@ -344,6 +345,7 @@ mod tests {
         let mut table = Table::new("a", &["name", "x", "x"]);
         (0..3).for_each(|_| table.row(vec![Cell::text("b"), Cell::number(1.0, 0), Cell::number(2.0, 0)]));
         let page = Page {
+            kind: crate::PageKind::Report,
             title: "t".into(),
             subtitle: "s".into(),
             blocks: vec![Block::Table(table.clone()), Block::Table(table)],

@@ -44,7 +44,7 @@ pub use figures::{Figure, figure_name};
 pub use findings::{Beside, Findings, Metric, Single, Total};
 pub use glossary::explained;
 pub use losses::Losses;
-pub use page::{Block, Page, Picture, ReportError, Turned};
+pub use page::{Block, Page, PageKind, Picture, ReportError, Turned};
 pub use run::{RunError, RunView};
 pub use table::{Cell, Table};
 pub use unit::{TIMES_100, in_unit, told};

@@ -75,9 +75,58 @@ pub enum Block {
     Folded(String, String),
 }
 
+/// What a page tells of. Its HTML says so, or one command would take another's page for an earlier one of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PageKind {
+    /// Of runs.
+    Report,
+    /// Of predictions and true rigs.
+    Comparison,
+    /// Of rigs by rewards.
+    Rewards,
+    /// Of a sweep.
+    Sweep,
+    /// Of a curation.
+    Curation,
+}
+
+impl PageKind {
+    const MARK: &str = "<meta name=\"riglab\" content=\"";
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Report => "report",
+            Self::Comparison => "comparison",
+            Self::Rewards => "rewards",
+            Self::Sweep => "sweep",
+            Self::Curation => "curation",
+        }
+    }
+
+    /// Whether a file is a page of this kind. Of one that was written before pages said theirs the title tells, as far as it
+    /// does: that of several runs is called as a comparison is, and others have titles of their own.
+    pub fn is(self, html: &str) -> bool {
+        if !html.starts_with("<!doctype html>") || !html.contains("content=\"default-src 'none'; img-src data:") {
+            return false;
+        }
+        let head = html.split("</title>").next().unwrap_or_default();
+        if let Some((_, mark)) = head.split_once(Self::MARK) {
+            return mark.split('"').next() == Some(self.name());
+        }
+        match (self, head.rsplit('>').next().unwrap_or_default()) {
+            (Self::Comparison | Self::Report, "Comparison") | (Self::Rewards, "Rewards") => true,
+            (Self::Curation, "Curation") => true,
+            (Self::Report | Self::Sweep, title) => !["Comparison", "Rewards", "Curation"].contains(&title),
+            _ => false,
+        }
+    }
+}
+
 /// A page with a title.
 #[derive(Clone, Debug)]
 pub struct Page {
+    /// What it tells of.
+    pub kind: PageKind,
     /// The title.
     pub title: String,
     /// One sentence below it.
@@ -99,8 +148,8 @@ impl Page {
         env.add_template("page.html", include_str!("page.html")).map_err(fault)?;
         env.add_filter("code", |text: &str| Value::from_safe_string(ticks::html(text)));
         let page = env.get_template("page.html").map_err(fault)?;
-        page.render(context! { title => self.title.as_str(), subtitle => self.subtitle.as_str(), blocks, script })
-            .map_err(fault)
+        let (kind, title, subtitle) = (self.kind.name(), self.title.as_str(), self.subtitle.as_str());
+        page.render(context! { kind, title, subtitle, blocks, script }).map_err(fault)
     }
 }
 
@@ -174,7 +223,8 @@ mod tests {
     fn a_page_with_views_has_the_script_once_and_no_more_than_it_can_take() {
         let view = crate::view::tests_rig();
         let turned = |n: usize| Block::Views(vec![Turned { caption: "c <i>".into(), view: view.clone() }; n]);
-        let html = |blocks| Page { title: "t".into(), subtitle: "s".into(), blocks }.to_html().unwrap();
+        let kind = PageKind::Report;
+        let html = |blocks| Page { kind, title: "t".into(), subtitle: "s".into(), blocks }.to_html().unwrap();
         let page = html(vec![turned(1), turned(2)]);
         assert_eq!((page.matches("<canvas").count(), page.matches("PALETTES = ").count()), (3, 1));
         assert!(page.contains("c &lt;i&gt;") && page.contains("Misplaced weight"));
@@ -187,10 +237,32 @@ mod tests {
     }
 
     #[test]
+    fn a_page_says_what_it_tells_of() {
+        use PageKind::{Comparison, Curation, Report, Rewards, Sweep};
+        let all = [Report, Comparison, Rewards, Sweep, Curation];
+        let html = |kind, title: &str| {
+            let page = Page { kind, title: title.into(), subtitle: "s".into(), blocks: Vec::new() };
+            page.to_html().unwrap()
+        };
+        let taken = |html: &str| all.into_iter().filter(|kind| kind.is(html)).collect::<Vec<_>>();
+        for kind in all {
+            assert_eq!(taken(&html(kind, "Comparison")), [kind]);
+        }
+        let old = |title: &str| html(Report, title).replace("<meta name=\"riglab\" content=\"report\">\n", "");
+        assert!(!old("t").contains("\"riglab\""));
+        assert_eq!(taken(&old("Comparison")), [Report, Comparison]);
+        assert_eq!(taken(&old("Rewards")), [Rewards]);
+        assert_eq!(taken(&old("Curation")), [Curation]);
+        assert_eq!(taken(&old("runs/a &amp; b")), [Report, Sweep]);
+        assert_eq!(taken("<!doctype html>\n<title>Rewards</title>"), []);
+    }
+
+    #[test]
     fn a_page_is_self_contained_and_escapes_what_it_is_given() {
         let mut table = Table::new("a & b", &["<x>", "y"]);
         table.row(vec![Cell::text("<script>"), Cell::number(0.5, 3).strong_if(true)]);
         let page = Page {
+            kind: PageKind::Report,
             title: "T <b>".into(),
             subtitle: "s".into(),
             blocks: vec![

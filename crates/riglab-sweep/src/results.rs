@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::fs::read_to_string;
 use std::path::Path;
 
-use riglab_report::{Block, Cell, Losses, Page, Table, shell};
+use riglab_report::{Block, Cell, Losses, Page, PageKind, Table, shell};
 use serde::{Deserialize, Serialize};
 
 use crate::figures::{figures, learning, spread};
@@ -379,7 +379,7 @@ impl Results {
         );
         let question = &self.plan.sweep.question;
         let title = if question.is_empty() { "Sweep".to_owned() } else { question.clone() };
-        Page { title, subtitle, blocks }
+        Page { kind: PageKind::Sweep, title, subtitle, blocks }
     }
 }
 

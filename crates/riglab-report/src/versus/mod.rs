@@ -447,7 +447,7 @@ mod tests {
         assert_eq!(rows[0][5..], ["0.6200", "–", "–"]);
         assert_eq!(rows[1], ["b", "worse", "test_seen", "asset 1", "bird", "0.5200", "0.3200", "-0.2000"]);
         assert_eq!(most.breaks, [3]);
-        let page = crate::Page { title: "t".into(), subtitle: "s".into(), blocks };
+        let page = crate::Page { kind: crate::PageKind::Report, title: "t".into(), subtitle: "s".into(), blocks };
         let sheet = page.sheet().unwrap();
         assert_eq!(sheet.lines().count(), 1 + 8);
         let line = "skin weights,IoU per rig,skintokens,higher,a,b,test_seen,asset 2,fish,0.54,0.54,0,equal";

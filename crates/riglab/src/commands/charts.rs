@@ -61,7 +61,8 @@ mod tests {
     fn charts_become_files_beside_each_other() {
         let line = Series { name: "ours".into(), points: vec![(0.0, 1.0), (100.0, 0.5)] };
         let chart = Chart { title: "IoU, val".into(), x: "step".into(), series: vec![line], ..Chart::default() };
-        let page = Page { title: "t".into(), subtitle: "s".into(), blocks: vec![Block::Charts(vec![chart])] };
+        let (kind, blocks) = (riglab_report::PageKind::Report, vec![Block::Charts(vec![chart])]);
+        let page = Page { kind, title: "t".into(), subtitle: "s".into(), blocks };
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("paper/figures");
         let files = charts(&page, &folder).unwrap();

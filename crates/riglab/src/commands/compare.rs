@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use riglab_compare::{Comparison, Failures, Kind, Predictions, Status, Summary, System, Truths, score};
 use riglab_metric::{Preset, SkinBaseline};
-use riglab_report::Table;
+use riglab_report::{PageKind, Table};
 use riglab_train::Progress;
 
 use super::alike::by_reason;
@@ -139,7 +139,7 @@ fn text(args: &Args, form: Form, comparison: &Comparison, summary: &Summary, pub
     tables.extend(if args.assets { vec![summary.assets(false)] } else { summary.tables() });
     tables.extend_from_slice(published);
     let names: Vec<&str> = comparison.systems.iter().map(|s| s.name.as_str()).collect();
-    form.of(tables, "Comparison", &format!("{} against {}", names.join(", "), comparison.truth))
+    form.of(tables, PageKind::Comparison, "Comparison", &format!("{} against {}", names.join(", "), comparison.truth))
 }
 
 /// The published tables asked for.

@@ -8,7 +8,7 @@ use anyhow::{Result, anyhow, bail};
 use riglab_asset::Target;
 use riglab_data::Corpus;
 use riglab_render::is_own_png;
-use riglab_report::counted;
+use riglab_report::{PageKind, counted};
 use serde_json::Value;
 
 use super::short;
@@ -87,17 +87,17 @@ impl Written {
     /// Whether a text is one, by what each of them begins with or holds.
     fn is(self, text: &str) -> bool {
         let object = || serde_json::from_str::<Value>(text).unwrap_or_default();
-        let page =
-            || text.starts_with("<!doctype html>") && text.contains("content=\"default-src 'none'; img-src data:");
         match self {
             Self::Comparison => {
                 let tables = ["Assets of ", "**Assets of ", "system,asset,status,"].iter().any(|s| text.starts_with(s));
                 let latex = || text.contains("\\begin{table}\n") && text.contains("\\caption{Assets of ");
+                let page = || PageKind::Comparison.is(text);
                 tables || latex() || page() || object().get("systems").zip(object().get("truth")).is_some()
             }
             Self::Rewards => {
                 let tables = ["Rewards: ", "**Rewards: ", "system,rig,joints,"].iter().any(|s| text.starts_with(s));
                 let latex = || text.contains("\\begin{table}\n") && text.contains("\\caption{Rewards: ");
+                let page = || PageKind::Rewards.is(text);
                 tables || latex() || page() || object().get("systems").zip(object().get("reward")).is_some()
             }
             Self::Report => {
@@ -106,6 +106,7 @@ impl Written {
                     .any(|s| text.starts_with(s));
                 let latex = || text.starts_with("% ") && text.lines().nth(1).is_some_and(|l| l.starts_with("% Needs "));
                 let heading = |line: &str| ["## Training", "## To repeat it"].contains(&line);
+                let page = || PageKind::Report.is(text);
                 csv || latex() || page() || (text.starts_with("# ") && text.lines().any(heading))
             }
             Self::Evaluation => object()["checkpoint"]["step"].is_u64(),
@@ -217,7 +218,7 @@ mod tests {
         assert!(may(all.summary(&[]).to_json().to_string(), Written::Comparison));
         let page = |heading: &str| {
             let blocks = vec![Block::Heading(heading.into()), Block::Table(all.counts())];
-            Page { title: "t".into(), subtitle: "s".into(), blocks }
+            Page { kind: PageKind::Report, title: "t".into(), subtitle: "s".into(), blocks }
         };
         for heading in ["Training", "To repeat it"] {
             let page = page(heading);
@@ -225,7 +226,21 @@ mod tests {
                 assert!(may(&text, Written::Report), "{text}");
             }
         }
-        assert!(may(page("").to_html().unwrap(), Written::Comparison));
+        // Each by its own kind alone.
+        let all_kinds = [
+            (PageKind::Comparison, Written::Comparison),
+            (PageKind::Rewards, Written::Rewards),
+            (PageKind::Report, Written::Report),
+        ];
+        for (kind, own) in all_kinds {
+            let html = Page { kind, ..page("") }.to_html().unwrap();
+            for (_, other) in all_kinds {
+                assert_eq!(may(&html, other), other == own, "{kind:?} {other:?}");
+            }
+        }
+        for kind in [PageKind::Curation, PageKind::Sweep] {
+            assert!(!may(Page { kind, ..page("") }.to_html().unwrap(), Written::Report));
+        }
         assert!(may("{\"data\": [], \"checkpoint\": {\"step\": 3}}", Written::Evaluation));
         let series = vec![Series { name: "ours".into(), points: vec![(0.0, 1.0), (100.0, 0.5)] }];
         let chart = Chart { title: "IoU".into(), x: "codes, kept".into(), series, ..Chart::default() };

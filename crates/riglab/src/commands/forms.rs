@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_files::make_folder_of;
-use riglab_report::{Block, Page, Table};
+use riglab_report::{Block, Page, PageKind, Table};
 
 use super::earlier::{Written, keep_others};
 use super::file_instead_of_output;
@@ -56,11 +56,11 @@ impl Form {
     ];
 
     /// Tables, in a form that is for readers; CSV and JSON are the command's own.
-    pub fn of(self, tables: Vec<Table>, title: &str, subtitle: &str) -> Result<String> {
+    pub fn of(self, tables: Vec<Table>, kind: PageKind, title: &str, subtitle: &str) -> Result<String> {
         let to = match self {
             Self::Html => {
                 let blocks = tables.into_iter().map(Block::Table).collect();
-                return Ok(Page { title: title.into(), subtitle: subtitle.into(), blocks }.to_html()?);
+                return Ok(Page { kind, title: title.into(), subtitle: subtitle.into(), blocks }.to_html()?);
             }
             Self::Markdown => Table::to_markdown,
             Self::Latex => Table::to_latex,

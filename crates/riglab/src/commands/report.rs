@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use riglab_files::make_folder_of;
 use riglab_report::shell::command;
-use riglab_report::{Block, Checkpoints, Compared, Page, RunView, versus};
+use riglab_report::{Block, Checkpoints, Compared, Page, PageKind, RunView, versus};
 use riglab_train::without_best;
 
 use super::charts::{charts, no_file};
@@ -193,7 +193,7 @@ fn single(args: &Args, run: &Path, evaluation: &Path) -> Result<Page> {
     }
     blocks.extend(view.repeat());
     let title = args.title.clone().unwrap_or_else(|| run.display().to_string());
-    Ok(Page { title, subtitle: view.subtitle(), blocks })
+    Ok(Page { kind: PageKind::Report, title, subtitle: view.subtitle(), blocks })
 }
 
 /// The command that evaluates a run: of one that no checkpoint was the best of, as where a guard refused all, the last.
@@ -275,7 +275,7 @@ fn comparison(runs: &[String], title: Option<&str>) -> Result<Page> {
         corpora.unwrap_or_default().join(", "),
         names.first().unwrap_or(&"")
     );
-    Ok(Page { title, subtitle, blocks })
+    Ok(Page { kind: PageKind::Report, title, subtitle, blocks })
 }
 
 /// The name of a run and its folder; without a name, an empty one.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use riglab_compare::{CompareError, Named, Truths};
 use riglab_core::Rig;
 use riglab_metric::statistics::{Mean, Paired};
-use riglab_report::{Cell, Table};
+use riglab_report::{Cell, PageKind, Table};
 use riglab_reward::{Candidate, RewardConfig, Rewards, Scorer};
 use riglab_train::Progress;
 use serde::Serialize;
@@ -181,7 +181,7 @@ fn text(form: Form, systems: &[System], config: &RewardConfig, assets: bool) -> 
     }
     tables.extend(pairs(systems).map(|pairs| differences(systems, &pairs)));
     let names: Vec<&str> = systems.iter().map(|system| system.name.as_str()).collect();
-    form.of(tables, "Rewards", &names.join(", "))
+    form.of(tables, PageKind::Rewards, "Rewards", &names.join(", "))
 }
 
 /// Digits after the point.
