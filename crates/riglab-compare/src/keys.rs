@@ -32,6 +32,23 @@ pub(crate) fn whole(name: &str) -> String {
     }
 }
 
+/// The file that one of several assets is of; empty for others.
+pub(crate) fn file_of(name: &str) -> String {
+    let name = name.replace('\\', "/");
+    match file_and_item(&name) {
+        (_, "") => String::new(),
+        (file, _) => file.to_owned(),
+    }
+}
+
+/// What an asset is called, with the file that it is one of.
+fn called_in_file(name: &str) -> String {
+    match (file_of(name), called(name)) {
+        (file, own) if file.is_empty() => own,
+        (file, own) => format!("{file}#{own}"),
+    }
+}
+
 /// The key of an asset: what it is called, without what systems add to names.
 ///
 /// ```
@@ -77,11 +94,11 @@ pub(crate) fn shortened(called: &str) -> Vec<String> {
     all
 }
 
-/// Assets of two sets that are the same, by the numbers of their names: those that are called alike, and of the others those
-/// with the same key. What several of a set are called tells none of them.
+/// Assets of two sets that are the same, by the numbers of their names: those that are called alike, in files that are, too, then
+/// in any, and of the others those with the same key. What several of a set are called tells none of them.
 pub fn pairs(first: &[&str], second: &[&str]) -> Vec<(usize, usize)> {
     let mut partners: Vec<Option<usize>> = vec![None; first.len()];
-    for name_of in [called, key] {
+    for name_of in [called_in_file, called, key] {
         let taken: BTreeSet<usize> = partners.iter().flatten().copied().collect();
         let own = only(first, name_of, |k| partners[k].is_some());
         let theirs = only(second, name_of, |k| taken.contains(&k));
@@ -255,6 +272,10 @@ mod tests {
         assert_eq!(pairs(&["a.glb"], &["a.glb", "a.fbx"]), []);
         assert_eq!(pairs(&["a.glb", "a.fbx"], &["a.glb"]), []);
         assert_eq!(pairs(&["a.glb"], &["a_rig.txt", "a_pred.txt"]), []);
+        // Of files that hold some of one name.
+        let both = ["a.npz#tom", "b.npz#tom"];
+        assert_eq!(pairs(&both, &["b.npz#tom.glb", "a.npz#tom.glb"]), [(0, 1), (1, 0)]);
+        assert_eq!(pairs(&both, &["tom.glb"]), []);
     }
 
     #[test]

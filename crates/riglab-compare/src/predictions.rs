@@ -12,7 +12,7 @@ use riglab_metric::{Joints, Rows};
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
-use crate::keys::{Called, STAGES, called, is_stage, own_name, shortened, shortest, whole, without_ending};
+use crate::keys::{Called, STAGES, called, file_of, is_stage, own_name, shortened, shortest, whole, without_ending};
 
 /// Which files are predictions: those of a format, or all that hold rigs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,6 +63,8 @@ struct Place {
     file: PathBuf,
     /// What it is called with its ending, below the folder or in its file.
     whole: String,
+    /// The file of several that it is one of, or was made of; empty where no such file is named.
+    of: String,
     held: Held,
 }
 
@@ -161,7 +163,7 @@ impl Predictions {
         let name = if name.is_empty() { file.to_string_lossy().into_owned() } else { name };
         // One that cannot be counted keeps its key: reading it will say what is wrong, in its row.
         if riglab_asset::count_assets(&file).unwrap_or(1) <= 1 {
-            let place = Place { file, whole: whole(&name), held: Held::Alone };
+            let place = Place { file, whole: whole(&name), of: file_of(&name), held: Held::Alone };
             self.places.entry(called(&name)).or_default().push(place);
             return;
         }
@@ -176,7 +178,7 @@ impl Predictions {
             let own = if own.is_empty() { whole.clone() } else { without_ending(own) };
             let files = vec![file.clone()];
             let read = rig.map(|rig| Prediction { files, ..of_arrays(&rig) }).map_err(|e| e.to_string());
-            let place = Place { file: file.clone(), whole, held: Held::Read(Arc::new(read)) };
+            let place = Place { file: file.clone(), whole, of: name.clone(), held: Held::Read(Arc::new(read)) };
             self.places.entry(own).or_default().push(place);
         }
     }
@@ -187,7 +189,7 @@ impl Predictions {
         let corpus = Arc::new(corpus);
         for (index, name) in corpus.names()?.iter().enumerate().filter(|(index, _)| !bare.contains(index)) {
             let held = Held::Asset(corpus.clone(), index);
-            let place = Place { file: file.into(), whole: whole(name), held };
+            let place = Place { file: file.into(), whole: whole(name), of: file_of(name), held };
             self.places.entry(called(name)).or_default().push(place);
         }
         Ok(())
@@ -268,6 +270,12 @@ impl Predictions {
         self.places.get(name).is_some_and(|places| places.iter().any(|place| place.is_exactly(asset)))
     }
 
+    /// Whether one of what is called so names the file of several that an asset is of.
+    fn names_file(&self, name: &str, asset: &str) -> bool {
+        let own = file_of(asset);
+        !own.is_empty() && self.places.get(name).is_some_and(|places| places.iter().any(|place| place.of == own))
+    }
+
     /// Reads the prediction of an asset, of what [`Self::of_asset`] gives; what is wrong with it is a sentence. `rivals`: other
     /// assets that it gives the same for. `None` where all there is is theirs.
     ///
@@ -275,7 +283,8 @@ impl Predictions {
     /// When a file cannot be read, several could be meant, or one could be of several assets.
     pub(crate) fn read(&self, names: &[&str], asset: &str, rivals: &[&str]) -> Result<Option<Prediction>, String> {
         let all: Vec<&Place> = names.iter().filter_map(|name| self.places.get(*name)).flatten().collect();
-        let places = among(all, asset, rivals)?;
+        let (all, rivals) = of_file(all, asset, rivals);
+        let places = among(all, asset, &rivals)?;
         match places[..] {
             [] => Ok(None),
             [one] => read(one).map(Some),
@@ -298,6 +307,21 @@ impl Predictions {
             }
         }
     }
+}
+
+/// The places, and the rivals for these, that one of several assets of a file can mean: those of its file where some name it;
+/// else all but those that name the file of a rival alone.
+fn of_file<'a, 'r>(places: Vec<&'a Place>, asset: &str, rivals: &[&'r str]) -> (Vec<&'a Place>, Vec<&'r str>) {
+    let own = file_of(asset);
+    let name_alone = |a: &str, b: &str| own_name(a) == own_name(b);
+    for same in [|a: &str, b: &str| a == b, name_alone] {
+        let named: Vec<&Place> = places.iter().copied().filter(|p| !own.is_empty() && same(&p.of, &own)).collect();
+        if !named.is_empty() {
+            return (named, rivals.iter().copied().filter(|rival| same(&file_of(rival), &own)).collect());
+        }
+    }
+    let theirs: HashSet<String> = rivals.iter().map(|rival| file_of(rival)).filter(|file| !file.is_empty()).collect();
+    (places.into_iter().filter(|p| !theirs.contains(&p.of)).collect(), rivals.to_vec())
 }
 
 /// Which places are an asset's, of those that it shares with `rivals`: those that have its name with the ending. What has
@@ -347,7 +371,7 @@ impl Claims {
         for name in elsewhere {
             let mut theirs = predictions.of_asset(name, assets);
             let is_asked = |of: &&str| claims.0.get(*of).is_some_and(|all| all.iter().any(|own| same_name(own, name)));
-            theirs.retain(|of| predictions.has_exactly(of, name) && !is_asked(of));
+            theirs.retain(|of| predictions.names_file(of, name) || predictions.has_exactly(of, name) && !is_asked(of));
             claims.add(&theirs, name);
         }
         claims

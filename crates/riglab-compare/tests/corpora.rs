@@ -236,6 +236,56 @@ fn what_stages_predict_is_no_true_rig_and_told() {
     assert!(truths.unread[0].1.contains("a part of a rig"));
 }
 
+/// Scored, failed and missing, how far the joints of each are off, and what is of no true asset.
+fn of_all(predictions: &Path, truths: &Truths) -> ([usize; 3], Vec<f64>, Vec<String>) {
+    let systems = [("it".to_owned(), Predictions::find(predictions, Kind::AUTO).unwrap())];
+    let (mut found, _) = score(truths, &systems, &[], Failures::Apart, |_| ()).unwrap();
+    let found = found.remove(0);
+    (found.counts(), found.values("j2j@riglab"), found.unmatched)
+}
+
+#[test]
+fn assets_of_one_name_in_two_files_have_their_own_predictions() {
+    let dir = tempfile::tempdir().unwrap();
+    let both = [("a.npz#tom", "val", 0.5), ("b.npz#tom", "val", 0.8)];
+    let truth = corpus(dir.path().join("truth.h5"), &both);
+    let truths = Truths::open(&truth, None).unwrap();
+    let own = ([2, 0, 0], vec![0.0; 2], vec![]);
+    assert_eq!(of_all(&truth, &truths), own);
+    let folder = |name: &str, files: &[(&str, f32)]| {
+        let folder = dir.path().join(name);
+        for (file, height) in files {
+            let path = folder.join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, riglab_asset::to_glb(&asset(file, *height))).unwrap();
+        }
+        folder
+    };
+    // As `riglab convert` calls what it makes of such a corpus, with what systems add, and below another folder.
+    for (name, [a, b]) in [
+        ("plain", ["a.npz#tom.glb", "b.npz#tom.glb"]),
+        ("added", ["a.npz#tom_rig.glb", "b.npz#tom_rig.glb"]),
+        ("deep", ["x/a.npz#tom.glb", "x/b.npz#tom.glb"]),
+    ] {
+        assert_eq!(of_all(&folder(name, &[(a, 0.5), (b, 0.8)]), &truths), own, "{name}");
+    }
+    // That of one is not the other's, in the same split or not.
+    let one = folder("one", &[("b.npz#tom.glb", 0.8)]);
+    assert_eq!(of_all(&one, &truths).0, [1, 0, 1]);
+    let split = corpus(dir.path().join("split.h5"), &[("a.npz#tom", "val", 0.5), ("b.npz#tom", "train", 0.8)]);
+    let (counts, off, _) = of_all(&dir.path().join("plain"), &Truths::open(&split, Some("val")).unwrap());
+    assert_eq!((counts, off), ([1, 0, 0], vec![0.0]));
+    // Files of several as they are.
+    let sets = dir.path().join("sets");
+    std::fs::create_dir(&sets).unwrap();
+    for (file, height) in [("a.npz", 0.5), ("b.npz", 0.8)] {
+        let all = [asset("tom", height), asset("cat", height)];
+        riglab_asset::write(&all, &sets.join(file), riglab_asset::Target::ARTICULATION_XL).unwrap();
+    }
+    let (counts, off, _) = of_all(&sets, &truths);
+    assert!(counts == [2, 0, 0] && off.iter().all(|off| *off < 1e-6), "{counts:?} {off:?}");
+}
+
 #[test]
 fn no_prediction_serves_two_assets() {
     let dir = tempfile::tempdir().unwrap();
