@@ -100,6 +100,8 @@ pub struct Predictions {
     by_name: BTreeMap<String, Option<String>>,
     /// Files that could not be looked into, with the reason.
     pub unread: Vec<(PathBuf, String)>,
+    /// A sentence on what is hidden and was left aside.
+    pub hidden: Option<String>,
 }
 
 impl Predictions {
@@ -109,21 +111,22 @@ impl Predictions {
     /// When there is no such folder, no file of the kind in it, a file of another kind, or a corpus that cannot be read.
     pub fn find(folder: &Path, kind: Kind) -> Result<Self, CompareError> {
         let wanted = |path: &Path| kind.takes(path) && is_rig_file(path);
-        let (files, unread) = if folder.is_file() {
+        let (files, unread, hidden) = if folder.is_file() {
             if !kind.takes(folder) {
                 return Err(CompareError::OtherKind { file: folder.into(), kind: kind.name() });
             }
             // One that was cut off is told before anything is looked for in it.
             corpus_at(folder)?;
-            (vec![folder.to_path_buf()], Vec::new())
+            (vec![folder.to_path_buf()], Vec::new(), None)
         } else if folder.is_dir() {
             let below = riglab_files::below(folder, wanted);
-            (below.files, below.unread)
+            let hidden = below.left_aside();
+            (below.files, below.unread, hidden)
         } else {
             return Err(CompareError::NoPredictions(folder.into()));
         };
         let (by_key, by_name) = Default::default();
-        let mut found = Self { folder: folder.into(), places: BTreeMap::new(), by_key, by_name, unread };
+        let mut found = Self { folder: folder.into(), places: BTreeMap::new(), by_key, by_name, unread, hidden };
         for file in files {
             found.add(file, folder);
         }

@@ -81,7 +81,7 @@ pub struct System {
     pub baseline: bool,
     /// A row for each true asset.
     pub rows: Vec<Row>,
-    /// Predictions of no true asset, nor of one in another split of the corpus.
+    /// Predictions of no true asset, nor of one in another split of the corpus or of a bare mesh.
     pub unmatched: Vec<String>,
     /// Files that could not be looked into, with the reason.
     pub unread: Unread,
@@ -155,20 +155,21 @@ pub fn score(
         ControlFlow::Continue(())
     });
     let others = Called::of(elsewhere());
-    // Those of the corpus' other splits are not asked for, and no fault.
-    let of_others = |predictions: &Predictions| -> BTreeSet<String> {
-        elsewhere().flat_map(|name| predictions.of_asset(name, &others)).map(String::from).collect()
+    // Those of the corpus' other splits are not asked for, and no fault; nor are those of its bare meshes.
+    let of_these = |predictions: &Predictions, names: &[String]| -> BTreeSet<String> {
+        names.iter().flat_map(|name| predictions.of_asset(name, &others)).map(String::from).collect()
     };
+    let of_splits = |predictions: &Predictions| of_these(predictions, &truths.elsewhere[..truths.of_splits]).len();
     if let Some(predictions) = strange.filter(|_| !example.is_empty()) {
-        return Err(nothing_matches(predictions, &example, of_others(predictions).len()));
+        return Err(nothing_matches(predictions, &example, of_splits(predictions)));
     }
     out.iter_mut().zip(worst).for_each(|(system, worst)| system.count_worst(worst));
     for ((system, (_, predictions)), used) in out.iter_mut().zip(systems).zip(used) {
-        let elsewhere = of_others(predictions);
+        let elsewhere = of_these(predictions, &truths.elsewhere);
         let unmatched = predictions.names().filter(|k| !used.contains(*k) && !elsewhere.contains(*k));
         system.unmatched = unmatched.map(String::from).collect();
         if used.is_empty() && !system.rows.is_empty() && !predictions.is_empty() {
-            return Err(nothing_matches(predictions, &example, elsewhere.len()));
+            return Err(nothing_matches(predictions, &example, of_splits(predictions)));
         }
     }
     if out.iter().any(|s| s.rows.is_empty()) {

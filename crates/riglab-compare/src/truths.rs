@@ -1,6 +1,6 @@
 //! The true rigs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use riglab_asset::{ImportOptions, Resample, count_assets, import, import_each, is_rig_file};
 use riglab_core::Asset;
 use riglab_data::{Corpus, DataError, name_below};
+use riglab_report::counted;
 
 use crate::CompareError;
 use crate::corpora::corpus_at;
@@ -36,8 +37,12 @@ pub struct Truths {
     /// What below the folder is no true rig: folders and links that could not be followed, and what UniRig's stages predict;
     /// with the reason.
     pub unread: Unread,
-    /// Assets of the corpus' other splits.
+    /// What else was left aside, a sentence each: meshes without a rig, what is hidden, predictions.
+    pub notes: Vec<String>,
+    /// Assets of the corpus that are not asked for: those of its other splits, and after these bare meshes.
     pub(crate) elsewhere: Vec<String>,
+    /// How many of these are of other splits.
+    pub(crate) of_splits: usize,
 }
 
 impl Truths {
@@ -46,10 +51,21 @@ impl Truths {
     /// # Errors
     /// When there is none, no such split, or no splits at all.
     pub fn open(path: &Path, split: Option<&str>) -> Result<Self, CompareError> {
-        let at = |source| Self { path: path.into(), source, unread: Unread::new(), elsewhere: Vec::new() };
+        let at = |source| Self {
+            path: path.into(),
+            source,
+            unread: Unread::new(),
+            notes: Vec::new(),
+            elsewhere: Vec::new(),
+            of_splits: 0,
+        };
         if let Some(corpus) = corpus_at(path)? {
-            let (assets, elsewhere) = chosen(&corpus, split)?;
-            return Ok(Self { elsewhere, ..at(TruthSource::Corpus(Box::new(corpus), assets)) });
+            let Chosen { assets, mut others, bare } = chosen(&corpus, split)?;
+            let of_splits = others.len();
+            let notes = bare_left_out(path, bare.len()).into_iter().collect();
+            others.extend(bare);
+            let source = TruthSource::Corpus(Box::new(corpus), assets);
+            return Ok(Self { elsewhere: others, of_splits, notes, ..at(source) });
         }
         if !path.exists() {
             return Err(DataError::Missing(path.into(), "corpus or folder").into());
@@ -61,6 +77,7 @@ impl Truths {
             return Ok(at(TruthSource::Files(vec![path.into()])));
         }
         let found = riglab_files::below(path, is_rig_file);
+        let notes = found.left_aside().into_iter().collect();
         let is_of_a_stage = |file: &PathBuf| is_stage(file) && holds_one(file);
         let (stages, files): (Vec<PathBuf>, Vec<PathBuf>) = found.files.into_iter().partition(is_of_a_stage);
         if files.is_empty() {
@@ -69,7 +86,33 @@ impl Truths {
         }
         let mut unread: Unread = found.unread.iter().map(|(own, why)| (name_below(path, own), why.clone())).collect();
         unread.extend(stages.iter().map(|own| (name_below(path, own), STAGE.to_owned())));
-        Ok(Self { unread, ..at(TruthSource::Files(files)) })
+        Ok(Self { unread, notes, ..at(TruthSource::Files(files)) })
+    }
+
+    /// Leaves out what lies in the folders, or is one of the files, that systems are from, where these are below the folder of
+    /// true rigs: predictions are nobody's truth. A note says so.
+    ///
+    /// # Errors
+    /// When there is nothing else.
+    pub fn leave_out<'a>(&mut self, systems: impl IntoIterator<Item = &'a Path>) -> Result<(), CompareError> {
+        let real = |path: &Path| path.canonicalize().ok();
+        let (TruthSource::Files(files), Some(folder)) = (&mut self.source, real(&self.path)) else { return Ok(()) };
+        for system in systems {
+            let Some(own) = real(system).filter(|own| *own != folder && own.starts_with(&folder)) else { continue };
+            let before = files.len();
+            files.retain(|file| !real(file).is_some_and(|file| file.starts_with(&own)));
+            let left_out = match before - files.len() {
+                0 => continue,
+                n => counted(n, "file"),
+            };
+            let shown = system.display();
+            if files.is_empty() {
+                let why = format!(": all that is below it are the predictions in {shown}");
+                return Err(CompareError::NoTruth(self.path.clone(), why));
+            }
+            self.notes.push(format!("no true rigs, but predictions: {left_out} in {shown}"));
+        }
+        Ok(())
     }
 
     /// The corpus or folder.
@@ -165,15 +208,47 @@ fn holds_one(file: &Path) -> bool {
     count_assets(file).unwrap_or(1) <= 1
 }
 
-/// The assets of a corpus' split, or all of them, by number, and the names of the others.
-fn chosen(corpus: &Corpus, split: Option<&str>) -> Result<(Vec<usize>, Vec<String>), CompareError> {
-    let path = corpus.path();
-    let Some(split) = split else {
-        return match corpus.is_empty() {
-            true => Err(CompareError::NoTruth(path.into(), String::new())),
-            false => Ok(((0..corpus.len()).collect(), Vec::new())),
+/// What is asked for of a corpus.
+struct Chosen {
+    /// By number.
+    assets: Vec<usize>,
+    /// What those of other splits are called.
+    others: Vec<String>,
+    /// What those are called that are meshes without a rig.
+    bare: Vec<String>,
+}
+
+/// The rigs of a corpus' split, or all of them.
+fn chosen(corpus: &Corpus, split: Option<&str>) -> Result<Chosen, CompareError> {
+    let (own, others) = of_split(corpus, split)?;
+    let bare = HashSet::<usize>::from_iter(corpus.bare()?);
+    let (bare, assets): (Vec<usize>, Vec<usize>) = own.into_iter().partition(|k| bare.contains(k));
+    if assets.is_empty() {
+        let why = match bare.len() {
+            0 => String::new(),
+            n => format!(": all it has there is {}", without_rig(n)),
         };
-    };
+        return Err(CompareError::NoTruth(corpus.path().into(), why));
+    }
+    let names = corpus.names()?;
+    let named = |all: Vec<usize>| all.into_iter().map(|k| names[k].clone()).collect();
+    Ok(Chosen { assets, others: named(others), bare: named(bare) })
+}
+
+fn without_rig(count: usize) -> String {
+    let meshes = if count == 1 { "mesh" } else { "meshes" };
+    format!("{count} {meshes} without a rig")
+}
+
+/// That bare meshes are no true rigs, where there are any.
+fn bare_left_out(path: &Path, count: usize) -> Option<String> {
+    (count > 0).then(|| format!("{}: {} left out", path.display(), without_rig(count)))
+}
+
+/// The assets of a corpus' split, or all of them, and those of the others, by number.
+fn of_split(corpus: &Corpus, split: Option<&str>) -> Result<(Vec<usize>, Vec<usize>), CompareError> {
+    let path = corpus.path();
+    let Some(split) = split else { return Ok(((0..corpus.len()).collect(), Vec::new())) };
     let splits = corpus.texts("split")?;
     let (own, others): (Vec<usize>, Vec<usize>) = (0..splits.len()).partition(|&k| splits[k] == split);
     if own.is_empty() {
@@ -186,8 +261,7 @@ fn chosen(corpus: &Corpus, split: Option<&str>) -> Result<(Vec<usize>, Vec<Strin
         };
         return Err(CompareError::NoSplit { path: path.into(), split: split.into(), there });
     }
-    let names = corpus.names()?;
-    Ok((own, others.into_iter().map(|k| names[k].clone()).collect()))
+    Ok((own, others))
 }
 
 /// With the motions of files: weights are tried in them too.

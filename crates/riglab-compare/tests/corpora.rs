@@ -245,6 +245,32 @@ fn of_all(predictions: &Path, truths: &Truths) -> ([usize; 3], Vec<f64>, Vec<Str
 }
 
 #[test]
+fn meshes_without_a_rig_are_no_true_rigs() {
+    let dir = tempfile::tempdir().unwrap();
+    let bare = |name: &str| {
+        let (_, mesh, _) = asset(name, 0.5).rig.into_parts();
+        let joint = Joint { name: riglab_asset::LONE_JOINT.into(), parent: None, head: [0.0; 3] };
+        let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+        Asset { rig: Rig::new(Skeleton::new(vec![joint]).unwrap(), mesh, weights).unwrap(), ..asset(name, 0.5) }
+    };
+    let path = dir.path().join("truth.h5");
+    let mut writer = CorpusWriter::create(&path).unwrap();
+    [asset("y/a.glb", 0.5), bare("x/a.glb"), bare("c.glb")].iter().for_each(|a| writer.add(a).unwrap());
+    writer.finish(&["val", "val", "test"]).unwrap();
+    for (split, told) in [(None, "2 meshes"), (Some("val"), "1 mesh")] {
+        let truths = Truths::open(&path, split).unwrap();
+        assert_eq!((truths.len(), truths.notes.len()), (1, 1));
+        assert!(truths.notes[0].ends_with(&format!("{told} without a rig left out")), "{:?}", truths.notes);
+    }
+    let said = Truths::open(&path, Some("test")).err().unwrap().to_string();
+    assert!(said.ends_with("no true rig to compare with: all it has there is 1 mesh without a rig"), "{said}");
+    // What is predicted for one is no other's, and no fault.
+    let other = corpus(dir.path().join("other.h5"), &[("x/a.glb", "", 0.9), ("y/a.glb", "", 0.5)]);
+    let found = of_all(&other, &Truths::open(&path, None).unwrap());
+    assert_eq!(found, ([1, 0, 0], vec![0.0], vec![]));
+}
+
+#[test]
 fn assets_of_one_name_in_two_files_have_their_own_predictions() {
     let dir = tempfile::tempdir().unwrap();
     let both = [("a.npz#tom", "val", 0.5), ("b.npz#tom", "val", 0.8)];
@@ -284,6 +310,31 @@ fn assets_of_one_name_in_two_files_have_their_own_predictions() {
     }
     let (counts, off, _) = of_all(&sets, &truths);
     assert!(counts == [2, 0, 0] && off.iter().all(|off| *off < 1e-6), "{counts:?} {off:?}");
+}
+
+#[test]
+fn predictions_below_the_true_rigs_are_none_of_them() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str| {
+        let path = dir.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, riglab_asset::to_glb(&asset(name, 0.5))).unwrap();
+    };
+    ["a.glb", "b.glb", "rigged/a.glb", "rigged/b.glb", ".old/a.glb", "rigged/.old/a.glb"].into_iter().for_each(write);
+    let rigged = dir.path().join("rigged");
+    let mut truths = Truths::open(dir.path(), None).unwrap();
+    assert!(truths.notes.len() == 1 && truths.notes[0].starts_with("hidden and not taken: "), "{:?}", truths.notes);
+    assert!(Predictions::find(&rigged, Kind::AUTO).unwrap().hidden.unwrap().contains(".old"));
+    // The folder itself, compared with itself, stays.
+    truths.leave_out([dir.path()]).unwrap();
+    assert_eq!(truths.len(), 4);
+    truths.leave_out([rigged.as_path()]).unwrap();
+    assert_eq!(truths.len(), 2);
+    assert!(truths.notes[1].starts_with("no true rigs, but predictions: 2 files in "), "{:?}", truths.notes);
+    assert_eq!(of_all(&rigged, &truths).0, [2, 0, 0]);
+    ["a.glb", "b.glb"].iter().for_each(|name| std::fs::remove_file(dir.path().join(name)).unwrap());
+    let said = Truths::open(dir.path(), None).unwrap().leave_out([rigged.as_path()]).unwrap_err().to_string();
+    assert!(said.contains("all that is below it are the predictions in"), "{said}");
 }
 
 #[test]

@@ -17,9 +17,11 @@ use super::forms::{Form, Forms, systems};
 ///
 /// Files are matched to true assets by their path without ending, with or without what systems add to names (`_rig`,
 /// `_skin`), or by their name alone where only one asset has it; a file that is given for one asset is its own, whatever the
-/// two are called. Of bird.glb and bird.fbx each has its own where the ending stays in the name, as bird.fbx.glb; no file
-/// is compared with both. Every true asset is counted: scored, failed (with the reason) or missing. Metrics follow each paper's own
-/// formulas (--preset), named beside each number. Weights are compared only where a prediction has the joints of the true rig.
+/// two are called. Of bird.glb and bird.fbx each has its own where the ending stays in the name, as bird.fbx.glb, and of two
+/// assets in files of several where the file's name does, as set.npz#bird.glb; no file is compared with both. Every true asset
+/// is counted: scored, failed (with the reason) or missing. What lies in a system's folder below that of the true rigs is
+/// none of these. Metrics follow each paper's own formulas (--preset), named beside each number. Weights are compared only where
+/// a prediction has the joints of the true rig.
 ///
 /// A prediction is moved and scaled onto the true mesh, whatever its coordinates are. A skeleton without mesh is taken as it is,
 /// or from a cube of side 1 or 2 around the truth where its joints then span clearly more nearly what the true ones do. The
@@ -98,9 +100,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             None => bail!("give folders of predictions, and with --truth what they are compared with"),
         }
     };
-    let truths = Truths::open(truth, args.split.as_deref())?;
+    let mut truths = Truths::open(truth, args.split.as_deref())?;
     let found = |(name, folder): (String, PathBuf)| Ok((name, Predictions::find(&folder, args.format)?));
     let systems: Vec<(String, Predictions)> = systems(&args.systems)?.into_iter().map(found).collect::<Result<_>>()?;
+    truths.leave_out(systems.iter().map(|(_, predictions)| predictions.folder()))?;
+    truths.notes.iter().for_each(|note| tell!("note: {note}"));
+    for (name, Predictions { hidden, .. }) in &systems {
+        hidden.iter().for_each(|hidden| tell!("note: {name}: {hidden}"));
+    }
     // A file may hold many.
     let total = truths.len() as u64;
     let mut progress = Progress::new("scoring", total, 0);

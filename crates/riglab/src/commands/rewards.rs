@@ -81,6 +81,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     let mut found = Vec::new();
     for (name, path) in systems(&args.systems)? {
         let rigs = Truths::open(&path, args.split.as_deref()).map_err(unjudged)?;
+        rigs.notes.iter().for_each(|note| tell!("note: {note}"));
         found.push((name, path, rigs));
     }
     // A file may hold many.
