@@ -306,7 +306,7 @@ fn assets_of_one_name_in_two_files_have_their_own_predictions() {
     std::fs::create_dir(&sets).unwrap();
     for (file, height) in [("a.npz", 0.5), ("b.npz", 0.8)] {
         let all = [asset("tom", height), asset("cat", height)];
-        riglab_asset::write(&all, &sets.join(file), riglab_asset::Target::ARTICULATION_XL).unwrap();
+        riglab_asset::write(&all, sets.join(file), riglab_asset::Target::ARTICULATION_XL).unwrap();
     }
     let (counts, off, _) = of_all(&sets, &truths);
     assert!(counts == [2, 0, 0] && off.iter().all(|off| *off < 1e-6), "{counts:?} {off:?}");

@@ -203,9 +203,8 @@ impl SweepFile {
         let again: Vec<String> = one(&self.evaluate_with).iter().flat_map(|set| leaves(set)).collect();
         let again: Vec<String> = again.into_iter().filter(|key| of_evaluations(key)).collect();
         let differ = own[1..].iter().flat_map(|(place, sets)| sets.iter().map(move |set| (*place, set)));
-        let hidden = differ.flat_map(|(place, set)| leaves(set).into_iter().map(move |key| (place, key)));
-        let hidden = hidden.filter(|(_, key)| again.iter().any(|other| same(key, other))).next();
-        if let Some((place, key)) = hidden {
+        let mut hidden = differ.flat_map(|(place, set)| leaves(set).into_iter().map(move |key| (place, key)));
+        if let Some((place, key)) = hidden.find(|(_, key)| again.iter().any(|other| same(key, other))) {
             return Some((key, place, "sweep.evaluate_with"));
         }
         own.iter().enumerate().find_map(|(k, (place, sets))| {
