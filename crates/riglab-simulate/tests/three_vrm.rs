@@ -19,8 +19,12 @@ const FRAMES: usize = 300;
 /// Frames that are recorded: one in so many.
 const EVERY: usize = 30;
 const SCENES: u64 = 8;
-/// Share of the bone's length.
-const TOLERANCE: f64 = 1e-4;
+/// How far a tail may be from where the package says it is, as a share of its bone's length: rounding alone.
+const ASKED: f64 = 1e-12;
+/// The same of what was recorded, which is rounded to a ten-millionth of a metre; bones are some centimetres long.
+const RECORDED: f64 = 5e-6;
+/// Another rule for a bone's length differs by more.
+const APART: f64 = 1e-3;
 
 /// A body of a few joints that is thrown about, with chains that swing.
 struct Scene {
@@ -234,11 +238,12 @@ fn recorded_frames_agree() {
         let scene = Scene::new(seed as u64);
         for ((_, lengths), tails) in KINDS.iter().zip(theirs) {
             let worst = scene.compare(tails, EVERY, *lengths);
-            assert!(worst <= TOLERANCE, "{}, scene {seed}: off by {worst:.2e} of a bone", recorded.package);
+            println!("{}, scene {seed}: off by {worst:.2e} of a bone at most", recorded.package);
+            assert!(worst <= RECORDED, "{}, scene {seed}: off by {worst:.2e} of a bone", recorded.package);
         }
         // The scene moves what swings, so that agreement means something.
         let swap = scene.compare(&theirs[0], EVERY, Lengths::Lagging);
-        assert!(swap > 10.0 * TOLERANCE, "scene {seed}: {swap:.2e}");
+        assert!(swap > APART, "scene {seed}: {swap:.2e}");
     }
 }
 
@@ -261,10 +266,10 @@ fn the_package_agrees_in_every_frame() {
             let reply = ask(&modules, &scene, kind);
             let worst = scene.compare(&reply.tails, 1, lengths);
             println!("{}, scene {seed} {kind}: off by {worst:.2e} of a bone at most", reply.package);
-            assert!(worst <= TOLERANCE);
+            assert!(worst <= ASKED);
             recorded.package = reply.package;
             let frames = reply.tails.0.into_iter().skip(EVERY - 1).step_by(EVERY);
-            // A millionth of a metre is a hundredth of what is asked for.
+            // What is lost is within what is asked of the recorded ones.
             Tails(frames.map(|row| row.iter().map(|x| (x * 1e7).round() / 1e7).collect()).collect())
         });
         recorded.scenes.push(of_scene);
