@@ -75,26 +75,24 @@ pub fn speaks_for(run: &Path, sets: &[String]) -> bool {
     same && set == sets
 }
 
-/// Whether a run's `eval.json` is of the checkpoint of this step, with no settings but the run's and where its corpora are
-/// now: what it chose is what the run's own validation assets chose for that checkpoint.
-fn chose_for(run: &Path, step: u64) -> bool {
-    let Some(Evaluation { checkpoint, set, data, .. }) = read(run) else { return false };
+/// Whether a run's evaluation is of the checkpoint of this step, with no settings but the run's and where its corpora are now:
+/// what it chose is what the run's own validation assets chose for that checkpoint.
+fn chose_for(run: &Path, Evaluation { checkpoint, set, data, .. }: &Evaluation, step: u64) -> bool {
     let begun = || serde_json::from_slice::<Begun>(&std::fs::read(run.join("run.json")).ok()?).ok();
     // Of each corpus its path, and a checksum.
     let sums = |data: &[serde_json::Value]| data.iter().map(|of| of[1].clone()).collect::<Vec<_>>();
     let moved = |set: &String| set.split('=').next().is_some_and(|key| key.trim() == "data.corpora");
-    let own =
-        set.iter().all(moved) && (set.is_empty() || begun().is_some_and(|begun| sums(&begun.data) == sums(&data)));
-    own && checkpoint.and_then(|of| of.step) == Some(step)
+    let own = set.iter().all(moved) && (set.is_empty() || begun().is_some_and(|begun| sums(&begun.data) == sums(data)));
+    own && checkpoint.as_ref().and_then(|of| of.step) == Some(step)
 }
 
 /// The cut that a run's own validation assets chose for the checkpoint of this step, where an evaluation of it is there, or one
 /// that took its place.
 pub fn own_cut(run: &Path, step: u64) -> Option<OwnCut> {
-    let Evaluation { report, own_cut, .. } = read(run)?;
-    match chose_for(run, step) {
-        true => report?.cut.map(|cut| OwnCut { step, cut }),
-        false => own_cut.filter(|own| own.step == step),
+    let evaluation = read(run)?;
+    match chose_for(run, &evaluation, step) {
+        true => evaluation.report?.cut.map(|cut| OwnCut { step, cut }),
+        false => evaluation.own_cut.filter(|own| own.step == step),
     }
 }
 
@@ -110,6 +108,7 @@ mod tests {
     fn an_evaluation_speaks_for_the_checkpoint_that_a_run_stands_for() {
         let dir = tempfile::tempdir().unwrap();
         let run = dir.path();
+        let chose_for = |run: &Path, step| read(run).is_some_and(|evaluation| super::chose_for(run, &evaluation, step));
         let evaluated = |text: &str| {
             std::fs::write(run.join("eval.json"), text).unwrap();
             speaks_for(run, &[])

@@ -68,7 +68,7 @@ impl Plan {
         // What failed in evaluations of before is no word on those that are asked for now.
         let other = |there: &Self| there.sweep.evaluate_with != self.sweep.evaluate_with;
         let unevaluated = match there.as_ref().filter(|there| other(there)) {
-            Some(there) => there.unevaluated(folder),
+            Some(there) => there.stuck(folder, true),
             None => Vec::new(),
         };
         for (job, text) in &replaced {
@@ -130,18 +130,15 @@ impl Plan {
 
     /// The numbers of the jobs whose training has failed for good: there is nothing to lose by other settings.
     fn failed(&self, folder: &Path) -> BTreeSet<usize> {
-        let known = attempts(folder);
-        let trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
-        let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_)) && !trained(job);
-        self.jobs.iter().filter(failed).map(|job| job.number).collect()
+        self.stuck(folder, false).iter().map(|job| job.number).collect()
     }
 
-    /// The jobs that are trained, and whose evaluation has failed for good.
-    fn unevaluated(&self, folder: &Path) -> Vec<&Job> {
+    /// The jobs that have failed for good: in training, or in the evaluation of what is `trained`.
+    fn stuck(&self, folder: &Path, trained: bool) -> Vec<&Job> {
         let known = attempts(folder);
-        let trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
-        let failed = |job: &&Job| matches!(State::of(folder, self, job, &known), State::Failed(_)) && trained(job);
-        self.jobs.iter().filter(failed).collect()
+        let is_trained = |job: &Job| info(&folder.join(&job.folder))["outcome"] == "finished";
+        let failed = |job: &Job| matches!(State::of(folder, self, job, &known), State::Failed(_));
+        self.jobs.iter().filter(|job| failed(job) && is_trained(job) == trained).collect()
     }
 
     /// What differs first between this plan and a new one, which may have more jobs after the same ones, and other settings
