@@ -253,7 +253,7 @@ impl Net<'_> {
         let mut heard = vec![0.0; rows * wide];
         let mut read = vec![0.0; rows * d];
         let mut turned = vec![0.0; wide + kv];
-        let (mut inner, mut passed) = (Vec::new(), Vec::new());
+        let (mut inner, mut passed, mut scores) = (Vec::new(), Vec::new(), Vec::new());
         for (layer, memory) in self.layers.iter().zip(memory) {
             layer.norm.apply(x, &mut own);
             product(&layer.qkv, &own, &mut qkv, threads);
@@ -266,7 +266,7 @@ impl Net<'_> {
                 }
             }
             let shared = memory.shared;
-            let one = |row: usize, keys: &mut [f32], values: &mut [f32], out: &mut [f32]| {
+            let one = |scores: &mut Vec<f32>, row: usize, keys: &mut [f32], values: &mut [f32], out: &mut [f32]| {
                 let (q, others) = qkv[row * each..(row + 1) * each].split_at(wide);
                 let (k, v) = others.split_at(kv);
                 for head in 0..kv_heads {
@@ -276,18 +276,20 @@ impl Net<'_> {
                     k[span.clone()].iter().enumerate().for_each(|(c, x)| keys[key_at(place, c, e)] = *x);
                     values[place * e..(place + 1) * e].copy_from_slice(&v[span.clone()]);
                     let span = group * span.start..group * span.end;
-                    let heard = Heard { keys, values };
-                    attend(&q[span.clone()], e, shared.heard(head, same * e), heard, at + 1, &mut out[span]);
+                    let heard = [shared.heard(head, same * e), Heard { keys, values }];
+                    attend(&q[span.clone()], e, heard, at + 1, scores, &mut out[span]);
                 }
             };
             if threads && rows * at * wide > MUCH / 4 {
                 let parts = memory.keys.par_chunks_mut(size).zip(memory.values.par_chunks_mut(size));
                 let parts = parts.zip(heard.par_chunks_mut(wide)).enumerate();
-                parts.for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
+                parts.for_each_init(Vec::new, |scores, (row, ((keys, values), out))| {
+                    one(scores, row, keys, values, out)
+                });
             } else {
                 let parts = memory.keys.chunks_mut(size).zip(memory.values.chunks_mut(size));
                 let parts = parts.zip(heard.chunks_mut(wide)).enumerate();
-                parts.for_each(|(row, ((keys, values), out))| one(row, keys, values, out));
+                parts.for_each(|(row, ((keys, values), out))| one(&mut scores, row, keys, values, out));
             }
             product(&layer.out, &heard, &mut read, threads);
             x.iter_mut().zip(&read).for_each(|(x, y)| *x += y);
