@@ -105,6 +105,27 @@ fn in_convex_bodies_distances_are_straight() {
 }
 
 #[test]
+fn a_bone_may_begin_far_off() {
+    // Through the whole body, from farther and farther away.
+    let mesh = capsule(0.5, 2.0, 33);
+    for resolution in [48, 256] {
+        let solver = GeodesicSolver::new(&mesh, &config(resolution));
+        let of = |far: f32| {
+            let bone = Segment { a: [0.0, -far, 0.0], b: [0.0, 1.3, 0.0] };
+            (solver.distances(&[[bone]], mesh.positions()), bone)
+        };
+        for far in [4.0, 30.0, 60.0, 1e3, 1e6, 1e30] {
+            let (got, bone) = of(far);
+            // From within, as what is outside is as near to none.
+            let wanted =
+                mesh.positions().iter().map(|p| f64::from(Segment { a: [0.0, -4.0, 0.0], ..bone }.nearest(*p).1));
+            let most = apart(&got, wanted, cell(&mesh, resolution));
+            assert!(most < 2.0, "{most} cells at {resolution}, from {far}");
+        }
+    }
+}
+
+#[test]
 fn around_a_torus_ways_hug_its_inner_side() {
     let (major, minor) = (1.0, 0.3);
     let mesh = torus(major, minor, 96, 32);

@@ -1,5 +1,7 @@
 //! Occupied cells, and the blocks of them that ways lead over.
 
+use riglab_core::Segment;
+
 use crate::voxel::{Lattice, Voxels};
 
 /// Empty cells around the lattice, so that neighbours and sights need no look at its limits.
@@ -7,6 +9,9 @@ const MARGIN: usize = 4;
 
 /// Sights of more layers than any lattice has do not end in it; of so many, places are still numbers of 32 bits.
 const FARTHEST: i32 = 1 << 14;
+
+/// Segments that are so many times as long as a lattice's diagonal are not followed from end to end.
+const FAR: f64 = 10.0;
 
 /// No node.
 const NONE: u32 = u32::MAX;
@@ -133,9 +138,38 @@ impl Body {
 
     /// A point of the mesh's space in the units of [`Self::middle`].
     pub(super) fn inner(&self, p: [f32; 3]) -> glam::Vec3A {
-        let at = self.lattice.scaled(p.map(f64::from));
-        // Where lattices end: what is farther off is as good as there.
-        glam::Vec3A::from(at.map(|x| (x + MARGIN as f64 - 0.5).clamp(-1e6, 1e6) as f32))
+        bounded(self.unbounded(p))
+    }
+
+    /// The ends of a segment in those units. Of one that is far longer than the lattice and runs through it, what lies
+    /// around the lattice: nothing else is near any place, and its places are found by small steps.
+    pub(super) fn part(&self, s: &Segment) -> [glam::Vec3A; 2] {
+        let ends = [s.a, s.b].map(|p| self.unbounded(p));
+        let (size, across) = (self.lattice.size.map(|n| n as f64), self.across());
+        let length = (0..3).map(|k| (ends[1][k] - ends[0][k]).powi(2)).sum::<f64>().sqrt();
+        let grown = |by: f64| {
+            let low = MARGIN as f64 - 0.5;
+            size.map(|n| (low - by, low + n + by))
+        };
+        if length.is_finite() && length > FAR * across && within(ends, grown(0.0)).is_some() {
+            let within = within(ends, grown(across)).unwrap_or(ends);
+            return within.map(bounded);
+        }
+        ends.map(bounded)
+    }
+
+    /// The length of the lattice's diagonal.
+    fn across(&self) -> f64 {
+        self.lattice.size.iter().map(|n| (n * n) as f64).sum::<f64>().sqrt()
+    }
+
+    /// Longer ones of [`Self::part`] run past the lattice.
+    pub(super) fn longest(&self) -> f32 {
+        (FAR * self.across()) as f32
+    }
+
+    fn unbounded(&self, p: [f32; 3]) -> [f64; 3] {
+        self.lattice.scaled(p.map(f64::from)).map(|x| x + MARGIN as f64 - 0.5)
     }
 
     /// The place that a point of those units lies in or is nearest to.
@@ -286,6 +320,35 @@ fn depths(voxels: &Voxels) -> Vec<u8> {
         }
     }
     cells.into_iter().map(|cell| depths[cell]).collect()
+}
+
+/// Where lattices end: what is farther off is as good as there.
+fn bounded(p: [f64; 3]) -> glam::Vec3A {
+    glam::Vec3A::from(p.map(|x| x.clamp(-1e6, 1e6) as f32))
+}
+
+/// The part of a segment that lies in a box of these spans.
+fn within(ends: [[f64; 3]; 2], spans: [(f64, f64); 3]) -> Option<[[f64; 3]; 2]> {
+    // From the end that is nearer: shares of a long way from afar have no digits left for the box.
+    let far = |p: [f64; 3]| (0..3).map(|k| (p[k] - 0.5 * (spans[k].0 + spans[k].1)).powi(2)).sum::<f64>();
+    if far(ends[1]) < far(ends[0]) {
+        return within([ends[1], ends[0]], spans).map(|[b, a]| [a, b]);
+    }
+    let (mut first, mut last) = (0.0f64, 1.0f64);
+    for (k, (low, high)) in spans.into_iter().enumerate() {
+        let (from, along) = (ends[0][k], ends[1][k] - ends[0][k]);
+        if along == 0.0 {
+            if from < low || from > high {
+                return None;
+            }
+            continue;
+        }
+        let (a, b) = ((low - from) / along, (high - from) / along);
+        (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
+    }
+    let along = |k: usize, t: f64| ends[0][k] + (ends[1][k] - ends[0][k]) * t;
+    let at = |t: f64| std::array::from_fn(|k| along(k, t).clamp(spans[k].0, spans[k].1));
+    (first <= last).then(|| [at(first), at(last)])
 }
 
 #[cfg(test)]

@@ -42,7 +42,7 @@ pub(super) struct Bone(Vec<(Vec3A, Vec3A, f32)>);
 impl Bone {
     pub(super) fn new(segments: &[Segment], body: &Body) -> Self {
         let inner = |s: &Segment| {
-            let (a, b) = (body.inner(s.a), body.inner(s.b));
+            let [a, b] = body.part(s);
             let squared = (b - a).length_squared();
             (a, b - a, if squared > 0.0 { 1.0 / squared } else { 0.0 })
         };
@@ -71,7 +71,9 @@ impl Bone {
     /// Occupied places that it runs through.
     fn cells(&self, body: &Body) -> Vec<u32> {
         let mut cells = Vec::new();
-        for (a, along, _) in &self.0 {
+        // Those that are longer run past all places.
+        let followed = self.0.iter().filter(|(_, along, _)| along.length() <= body.longest());
+        for (a, along, _) in followed {
             let steps = (2.0 * along.length()).ceil().max(1.0);
             let at = |k: i32| body.at(*a + *along * (k as f32 / steps));
             // Points outside of the lattice are brought to its border; those do not count.
@@ -79,7 +81,7 @@ impl Bone {
                 (*a + *along * (*k as f32 / steps) - Vec3A::from(at(*k).map(|x| x as f32))).abs().max_element()
                     <= 0.5001
             };
-            cells.extend((0..=steps.min(1e4) as i32).filter(inside).filter_map(|k| body.node(at(k))));
+            cells.extend((0..=steps as i32).filter(inside).filter_map(|k| body.node(at(k))));
         }
         cells.sort_unstable();
         cells.dedup();
