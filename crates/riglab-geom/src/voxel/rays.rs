@@ -40,6 +40,9 @@ pub(super) const TOTAL: u16 = 1680;
 /// Parts of a cell in which positions are counted.
 const PARTS: i64 = 4096;
 
+/// So many columns of a row and one are looked at one by one.
+const FEW: i64 = 8;
+
 /// The share of directions, in parts of [`TOTAL`], from which each cell's middle is inside. `turned` says
 /// which triangles count with their other side.
 pub(super) fn votes(mesh: &Mesh, turned: &[bool], lattice: &Lattice) -> Vec<u16> {
@@ -155,26 +158,31 @@ impl<'a> Sheared<'a> {
         // The share of corner c is the function of the edge from a to b, and so on.
         let edges = [(b, c), (c, a), (a, b)];
         for v in low_to(high, self.from[1], self.size[1]) {
-            // Along the row, from u = 0: where each edge's function is above its limit.
             let (mut first, mut last) = (low[0].max(self.from[0]), low[1].min(self.from[0] + self.size[0] - 1));
-            let mut functions = [(0, 0); 3];
-            for (k, (p, q)) in edges.iter().enumerate() {
+            // Along the row, each edge's function at u = 0, its step, and its limit.
+            let functions = edges.map(|(p, q)| {
                 let (dx, dy) = (q[0] - p[0], q[1] - p[1]);
-                let start = dx * (v * PARTS - p[1]) + dy * p[0];
-                let step = -dy * PARTS;
                 // On the edge itself: whether a little aside is within.
                 let owned = dy < 0 || (dy == 0 && dx > 0);
-                let least = i64::from(!owned);
-                match step.cmp(&0) {
-                    std::cmp::Ordering::Equal if start < least => last = first - 1,
-                    std::cmp::Ordering::Equal => {}
-                    std::cmp::Ordering::Greater => first = first.max(-(start - least).div_euclid(step)),
-                    std::cmp::Ordering::Less => last = last.min((start - least).div_euclid(-step)),
+                (dx * (v * PARTS - p[1]) + dy * p[0], -dy * PARTS, i64::from(!owned))
+            });
+            // A look at each of a few columns costs less than to divide.
+            if last - first >= FEW {
+                for (start, step, least) in functions {
+                    match step.cmp(&0) {
+                        std::cmp::Ordering::Equal if start < least => last = first - 1,
+                        std::cmp::Ordering::Equal => {}
+                        std::cmp::Ordering::Greater => first = first.max(-(start - least).div_euclid(step)),
+                        std::cmp::Ordering::Less => last = last.min((start - least).div_euclid(-step)),
+                    }
                 }
-                functions[k] = (start, step);
             }
             for u in first..=last {
-                let share = |k: usize| (functions[k].0 + functions[k].1 * u) as f64;
+                let at = functions.map(|(start, step, _)| start + step * u);
+                if functions.iter().zip(at).any(|((.., least), at)| at < *least) {
+                    continue;
+                }
+                let share = |k: usize| at[k] as f64;
                 let depth = (share(0) * a[2] as f64 + share(1) * b[2] as f64 + share(2) * c[2] as f64) / area as f64;
                 // Before the first cell is as good as far before it.
                 let depth = (depth + PARTS as f64).clamp(0.0, f64::from(u32::MAX)) as u64;
