@@ -1,5 +1,6 @@
 //! Whether joints are wherever the body is.
 
+use multiversion::multiversion;
 use riglab_geom::voxel::Voxels;
 
 use crate::exp::exp;
@@ -87,14 +88,14 @@ impl Coverage {
         let [x, y, z, cell] = self.scale;
         let heads: Vec<[f64; 3]> =
             heads.iter().map(|p| [(p[0] - x) / cell, (p[1] - y) / cell, (p[2] - z) / cell]).collect();
+        let axes = [0, 1, 2].map(|k| heads.iter().map(|p| p[k]).collect::<Vec<f64>>());
         let mut near: Vec<[f64; 3]> = Vec::with_capacity(heads.len());
         let mut distances = vec![0.0; heads.len()];
         let mut sum = 0.0;
         for block in &self.blocks {
-            let far = |p: &[f64; 3]| (0..3).map(|k| (p[k] - block.middle[k]).powi(2)).sum::<f64>();
+            squares(&axes, block.middle, &mut distances);
             let (mut least, mut nearest) = (f64::INFINITY, heads[0]);
-            for (d, p) in distances.iter_mut().zip(&heads) {
-                *d = far(p);
+            for (d, p) in distances.iter().zip(&heads) {
                 if *d < least {
                     (least, nearest) = (*d, *p);
                 }
@@ -105,34 +106,47 @@ impl Coverage {
             // With room for rounding.
             let kept = heads.iter().zip(&distances).filter(|(p, d)| **d * (1.0 - 1e-9) <= least + 2.0 * gain(p) + 1e-6);
             near.extend(kept.map(|(p, _)| *p));
-            sum += self.block(block, &near, alpha);
+            let cells = self.cells.each_ref().map(|axis| &axis[block.from..]);
+            sum += covered(cells, block.cells, &near, alpha);
         }
         sum / self.count as f64
     }
+}
 
-    fn block(&self, block: &Block, near: &[[f64; 3]], alpha: f64) -> f64 {
-        let mut sum = 0.0;
-        for from in (0..block.cells).step_by(LANES) {
-            let at = block.from + from;
-            let lanes =
-                |k: usize| -> &[f64; LANES] { self.cells[k][at..].first_chunk().expect("blocks are whole lanes") };
-            let [xs, ys, zs] = [lanes(0), lanes(1), lanes(2)];
-            let mut least = [f64::INFINITY; LANES];
-            for [x, y, z] in near {
-                for i in 0..LANES {
-                    let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
-                    let d = dx * dx + dy * dy + dz * dz;
-                    least[i] = if d < least[i] { d } else { least[i] };
-                }
-            }
-            let mut values = [0.0; LANES];
-            for i in 0..LANES {
-                values[i] = exp(-alpha * least[i].sqrt());
-            }
-            sum += values[..LANES.min(block.cells - from)].iter().sum::<f64>();
-        }
-        sum
+/// The squared distance of each joint, axis by axis, from a point. By the widest instructions there are; the values are
+/// the same.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn squares(heads: &[Vec<f64>; 3], from: [f64; 3], out: &mut [f64]) {
+    let [xs, ys, zs] = heads;
+    for (((out, x), y), z) in out.iter_mut().zip(xs).zip(ys).zip(zs) {
+        let (dx, dy, dz) = (x - from[0], y - from[1], z - from[2]);
+        *out = dx * dx + dy * dy + dz * dz;
     }
+}
+
+/// The sum over a block's cells, of which so many count, of what the nearest of some joints is worth; by instructions as
+/// [`squares`].
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn covered(axes: [&[f64]; 3], count: usize, near: &[[f64; 3]], alpha: f64) -> f64 {
+    let mut sum = 0.0;
+    let lanes = axes.map(|axis| axis.as_chunks::<LANES>().0);
+    for from in (0..count).step_by(LANES) {
+        let [xs, ys, zs] = [&lanes[0][from / LANES], &lanes[1][from / LANES], &lanes[2][from / LANES]];
+        let mut least = [f64::INFINITY; LANES];
+        for [x, y, z] in near {
+            for i in 0..LANES {
+                let (dx, dy, dz) = (xs[i] - x, ys[i] - y, zs[i] - z);
+                let d = dx * dx + dy * dy + dz * dz;
+                least[i] = if d < least[i] { d } else { least[i] };
+            }
+        }
+        let mut values = [0.0; LANES];
+        for i in 0..LANES {
+            values[i] = exp(-alpha * least[i].sqrt());
+        }
+        sum += values[..LANES.min(count - from)].iter().sum::<f64>();
+    }
+    sum
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Whether the surface stays whole when bones turn.
 
 use glam::{DAffine3, DVec3};
+use multiversion::multiversion;
 
 use crate::RawWeights;
 
@@ -50,15 +51,26 @@ pub(crate) fn stretches_by(
     weights: &RawWeights,
     poses: &[Vec<DAffine3>],
 ) -> Vec<f64> {
-    let mut posed = vec![[0.0; 3]; positions.len()];
+    let mut posed = vec![[0.0; 4]; positions.len()];
     let one = |maps: &Vec<DAffine3>| {
-        skin(positions, weights, maps, &mut posed);
-        // Squares are in the order of lengths.
-        let stretch = |([a, b], inverse): (&[u32; 2], &f64)| squared(posed[*a as usize], posed[*b as usize]) * inverse;
-        // Not `f64::max`, which takes several steps for what is no number; such are passed over here, too.
-        edges.iter().zip(inverse).map(stretch).fold(1.0, |most, s| if s > most { s } else { most }).sqrt()
+        skin(positions, weights, &columns(maps), &mut posed);
+        most_stretched(&posed, edges, inverse).sqrt()
     };
     poses.iter().map(one).collect()
+}
+
+/// The largest square of an edge's stretch, at least 1; squares are in the order of lengths.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn most_stretched(posed: &[[f64; 4]], edges: &[[u32; 2]], inverse: &[f64]) -> f64 {
+    let mut most = 1.0;
+    for ([a, b], inverse) in edges.iter().zip(inverse) {
+        let (p, q) = (posed[*a as usize], posed[*b as usize]);
+        let (x, y, z) = (p[0] - q[0], p[1] - q[1], p[2] - q[2]);
+        let s = (x * x + y * y + z * z) * inverse;
+        // Not `f64::max`, which takes several steps for what is no number; such are passed over here, too.
+        most = if s > most { s } else { most };
+    }
+    most
 }
 
 #[inline]
@@ -70,21 +82,34 @@ fn squared(a: [f64; 3], b: [f64; 3]) -> f64 {
 /// Linear blend skinning by the map of each joint; sums are divided by the sum of weights and 1e-8, so that what
 /// nothing holds goes to the origin.
 pub fn skinned(positions: &[[f64; 3]], weights: &RawWeights, maps: &[DAffine3]) -> Vec<[f64; 3]> {
-    let mut posed = vec![[0.0; 3]; positions.len()];
-    skin(positions, weights, maps, &mut posed);
-    posed
+    let mut posed = vec![[0.0; 4]; positions.len()];
+    skin(positions, weights, &columns(maps), &mut posed);
+    posed.into_iter().map(|[x, y, z, _]| [x, y, z]).collect()
 }
 
-fn skin(positions: &[[f64; 3]], weights: &RawWeights, maps: &[DAffine3], posed: &mut [[f64; 3]]) {
-    for (v, (p, out)) in positions.iter().zip(posed).enumerate() {
+/// A map's columns, the translation last; what fills them up is 0.
+type Columns = [[f64; 4]; 4];
+
+fn columns(maps: &[DAffine3]) -> Vec<Columns> {
+    let filled = |v: DVec3| [v.x, v.y, v.z, 0.0];
+    let of = |m: &DAffine3| [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis, m.translation].map(filled);
+    maps.iter().map(of).collect()
+}
+
+/// By instructions of as many numbers as there are; the values are the same.
+#[multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn skin(positions: &[[f64; 3]], weights: &RawWeights, maps: &[Columns], posed: &mut [[f64; 4]]) {
+    for (v, ([x, y, z], out)) in positions.iter().zip(posed).enumerate() {
         let (joints, values) = weights.row(v);
-        let p = DVec3::from(*p);
-        let (mut sum, mut total) = (DVec3::ZERO, 0.0);
+        let (mut sum, mut total) = ([0.0; 4], 0.0);
         for (joint, w) in joints.iter().zip(values) {
-            sum += *w * maps[usize::from(*joint)].transform_point3(p);
+            let [of_x, of_y, of_z, shift] = &maps[usize::from(*joint)];
+            for k in 0..4 {
+                sum[k] += w * (of_x[k] * x + of_y[k] * y + of_z[k] * z + shift[k]);
+            }
             total += w;
         }
-        *out = (sum / (total + 1e-8)).into();
+        *out = sum.map(|s| s / (total + 1e-8));
     }
 }
 
