@@ -1,7 +1,7 @@
 //! Several corpora as one.
 
 use std::collections::{HashMap, HashSet};
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use riglab_asset::file_and_item;
 
@@ -115,7 +115,11 @@ fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
         let alone = whole.iter().all(|other| other == path || *other != bare && other.with_extension("") != bare);
         if alone { bare } else { path.clone() }
     };
-    let steps = |path: PathBuf| path.iter().map(|step| step.to_string_lossy().into_owned()).collect();
+    // Names begin with no root.
+    let steps = |path: PathBuf| {
+        let folders = path.components().filter(|step| matches!(step, Component::Normal(_)));
+        folders.map(|step| step.as_os_str().to_string_lossy().into_owned()).collect()
+    };
     let paths: Vec<Vec<String>> = whole.iter().map(named).map(steps).collect();
     let end = |path: &[String], steps: usize| path[path.len().saturating_sub(steps)..].to_vec();
     let of = |path: &Vec<String>| {
@@ -222,6 +226,9 @@ mod tests {
         let out = dir.path().join("all.h5");
         assert_eq!(merge(&corpora, &out, true, None, |_| ()).unwrap().assets, 3);
         assert_eq!(Corpus::open(&out).unwrap().names().unwrap(), ["a/c/x", "b/c/x", "d.v1/x"]);
+        // The end of another's path.
+        let whole = |folder: &str| PathBuf::from(folder).join("rigs.h5");
+        assert_eq!(prefixes(&[whole("/data"), whole("/mnt/data")]), ["data/rigs/", "mnt/data/rigs/"]);
         // One that is given twice is itself.
         let twice = [corpora[0].clone(), corpora[0].clone()];
         assert_eq!(merge(&twice, &out, true, None, |_| ()).unwrap().assets, 1);
