@@ -165,9 +165,8 @@ impl RunView {
             add("time of training", format!("{:.0} min {:02.0} s", (s / 60.0).floor(), (s % 60.0).floor()));
         }
         let column = |name: &str| self.perf.iter().filter_map(|l| l[name].as_f64()).collect::<Vec<f64>>();
-        let speed = column("perf/steps_per_s");
-        if !speed.is_empty() {
-            add("steps a second", pace(speed.iter().sum::<f64>() / speed.len() as f64));
+        if let Some(speed) = self.speed() {
+            add("steps a second", pace(speed));
         }
         if let Some(mb) = column("perf/peak_memory_mb").into_iter().reduce(f64::max) {
             add("peak memory", format!("{mb:.0} MB"));
@@ -184,6 +183,19 @@ impl RunView {
             add("lines cut off in the logs", self.cut_off.to_string());
         }
         facts
+    }
+
+    /// Steps a second, of all that the log tells of: its lines are of as many steps as lie between them.
+    fn speed(&self) -> Option<f64> {
+        let (mut steps, mut seconds, mut before) = (0.0, 0.0, 0.0);
+        for line in &self.perf {
+            let (Some(step), Some(rate)) = (line["step"].as_f64(), line["perf/steps_per_s"].as_f64()) else { continue };
+            if rate > 0.0 && step > before {
+                (steps, seconds) = (steps + step - before, seconds + (step - before) / rate);
+            }
+            before = step;
+        }
+        (seconds > 0.0).then(|| steps / seconds)
     }
 
     /// What `run.json` says under a key, and what it was afterwards where the run went on with something else.
@@ -379,6 +391,12 @@ mod tests {
     #[test]
     fn slow_runs_have_a_speed() {
         assert_eq!([23.456, 1.06, 0.0734, 0.5, 0.0].map(pace), ["23.5", "1.1", "0.073", "0.50", "0.0"]);
+        // The last line is of one step, and holds the end of the run: 121 steps in 2 + 2 + 1 seconds.
+        let line = |step: u32, rate: f64| format!("{}\n", json!({"step": step, "perf/steps_per_s": rate}));
+        let lines = line(60, 30.0) + &line(120, 30.0) + &line(121, 1.0);
+        let dir = folder(&[("config.toml", ""), ("run.json", INFO), ("perf.jsonl", &lines)]);
+        let facts = RunView::read(dir.path()).unwrap().fact_list();
+        assert!(facts.contains(&("steps a second".into(), "24.2".into())), "{facts:?}");
     }
 
     #[test]
