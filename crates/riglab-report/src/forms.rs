@@ -6,7 +6,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::chart::short;
-use crate::plain::{latex, markdown, verbatim};
+use crate::plain::{latex, markdown};
+use crate::ticks::code;
 use crate::{Bars, Block, Cell, Chart, Dots, Page, Picture, Table};
 
 impl Page {
@@ -39,7 +40,10 @@ impl Page {
     pub fn to_latex(&self) -> String {
         let one_line = |text: &str| text.replace(['\n', '\r'], " ");
         let mut labels = BTreeMap::new();
-        let mut out = format!("% {}\n% Needs \\usepackage{{booktabs}}.\n", one_line(&self.title));
+        let mut out = format!(
+            "% {}\n% Needs \\usepackage{{booktabs}}, and textcomp where LaTeX is older than 2020.\n",
+            one_line(&self.title)
+        );
         out += &format!("\\section*{{{}}}\n{}\n", latex(&self.title), latex(&self.subtitle));
         let mut left_out = false;
         for (k, block) in self.blocks.iter().enumerate() {
@@ -54,7 +58,7 @@ impl Page {
                 Block::Text(text) => out += &format!("\n{}\n", latex(text)),
                 Block::Code(text) => {
                     for line in text.lines() {
-                        out += &format!("\n\\noindent\\texttt{{{}}}\n", verbatim(line));
+                        out += &format!("\n\\noindent{}\n", code(line));
                     }
                 }
                 Block::Folded(title, _) => out += &format!("% Left out: {}\n", one_line(title)),

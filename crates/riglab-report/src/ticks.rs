@@ -45,9 +45,14 @@ pub(crate) fn latex(text: &str, plain: impl Fn(&str) -> String) -> String {
     let lone = |text: &str| plain(text).replace('`', "\\texttt{\\char96}");
     let shown = |part| match part {
         Part::Plain(text) => lone(text),
-        Part::Code(text) => format!("\\texttt{{{}}}", verbatim(text)),
+        Part::Code(text) => code(text),
     };
     parts(text).into_iter().map(shown).collect()
+}
+
+/// What is typed, in LaTeX: a bare `'` would be a closing quote, which no shell takes for one.
+pub(crate) fn code(text: &str) -> String {
+    format!("\\texttt{{{}}}", verbatim(text).replace('\'', "\\textquotesingle{}"))
 }
 
 /// In Markdown: `plain` shows the rest. A bar in code would end the cell of a table.
@@ -95,6 +100,7 @@ mod tests {
         let text = "row `a_b <--set>` & `";
         assert_eq!(html(text), "row <code>a_b &lt;--set&gt;</code> &amp; `");
         assert_eq!(plain::latex(text), "row \\texttt{a\\_b $<$-{}-set$>$} \\& \\texttt{\\char96}");
+        assert_eq!(plain::latex("don't `a 'b'`"), "don't \\texttt{a \\textquotesingle{}b\\textquotesingle{}}");
         assert_eq!(plain::latex("``"), "\\texttt{\\char96}\\texttt{\\char96}");
         assert_eq!(plain::markdown(text), "row `a_b <--set>` & \\`");
         assert_eq!(plain::markdown("`a|b`"), "\\`a\\|b\\`");

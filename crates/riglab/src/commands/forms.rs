@@ -66,7 +66,11 @@ impl Form {
             Self::Latex => Table::to_latex,
             _ => Table::to_text,
         };
-        let needs = if self == Self::Latex { "% Needs \\usepackage{booktabs}.\n\n" } else { "" };
+        let needs = if self == Self::Latex {
+            "% Needs \\usepackage{booktabs}, and textcomp where LaTeX is older than 2020.\n\n"
+        } else {
+            ""
+        };
         Ok(needs.to_owned() + &tables.iter().map(to).collect::<Vec<_>>().join("\n"))
     }
 }
