@@ -16,7 +16,8 @@ pub enum SkeletonConvention {
     Rignet,
     /// UniRig: 100 points a bone, its parent end not among them; distances in [-1, 1]³, divided by 2.
     Unirig,
-    /// MagicArticulate and Puppeteer: as RigNet, after near joints were merged on both sides ([`Graph::merged`]).
+    /// MagicArticulate and Puppeteer: as RigNet, after near joints were merged on both sides ([`Graph::merged`]). Their
+    /// files have true joints cut off at the cube's sides; here they are measured where they are.
     Magicarticulate,
     /// Anymate: as RigNet, but in [-1, 1]³, so that samples are twice as dense and numbers twice those of others.
     Anymate,
