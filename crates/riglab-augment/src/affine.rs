@@ -14,7 +14,7 @@ use crate::turn::rotation;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct AffineConfig {
-    /// Deviation of the turn about the vertical axis, in radians; at most π.
+    /// Deviation of the turn about the axis that points up (`data.up`), in radians; at most π.
     pub yaw: f32,
     /// Deviation of the turns about both other axes, in radians; at most π.
     pub tilt: f32,
@@ -65,10 +65,11 @@ impl AffineConfig {
         inside("noise", self.noise, 0.0, MOST)
     }
 
-    /// Draws a map. The same numbers are taken from the stream whatever the config, but for those of `tumble`, which are
-    /// taken where it is on.
-    pub fn draw(&self, random: &mut Stream) -> AffineMap {
-        let [x, y, z] = [self.tilt, self.yaw, self.tilt].map(|s| s * random.normal());
+    /// Draws a map; `up` is the axis that points up: 0 for x, 1 for y, 2 for z. The same numbers are taken from the stream
+    /// whatever the config, but for those of `tumble`, which are taken where it is on.
+    pub fn draw(&self, up: usize, random: &mut Stream) -> AffineMap {
+        let [x, y, z]: [f32; 3] =
+            std::array::from_fn(|axis| if axis == up { self.yaw } else { self.tilt } * random.normal());
         let turned = Mat3::from(rotation([x, 0.0, 0.0]) * rotation([0.0, y, 0.0]) * rotation([0.0, 0.0, z]));
         let scale = random.within(self.scale[0], self.scale[1]);
         let mut axes =
@@ -138,7 +139,7 @@ mod tests {
     fn normals_stay_perpendicular_to_their_surface() {
         for seed in 0..50 {
             let mut random = stream(seed, "test", &[]);
-            let map = wild().draw(&mut random);
+            let map = wild().draw(1, &mut random);
             // A tangent of the plane with normal (1, 2, 3) / √14.
             let n = Vec3::new(1.0, 2.0, 3.0).normalize();
             let tangent = map.matrix * Vec3::new(3.0, 0.0, -1.0);
@@ -151,7 +152,7 @@ mod tests {
     #[test]
     fn tumbled_rigs_lie_anyhow_as_often_as_they_are_told() {
         let config = AffineConfig { tumble: 0.25, ..AffineConfig::default() };
-        let up = |seed| Vec3::from(config.draw(&mut stream(seed, "test", &[])).exact([0.0, 1.0, 0.0]));
+        let up = |seed| Vec3::from(config.draw(1, &mut stream(seed, "test", &[])).exact([0.0, 1.0, 0.0]));
         let all: Vec<Vec3> = (0..2_000).map(up).collect();
         assert!(all.iter().all(|up| (up.length() - 1.0).abs() < 1e-5), "nothing is stretched");
         let turned: Vec<Vec3> = all.into_iter().filter(|up| up.y < 1.0).collect();
@@ -168,15 +169,34 @@ mod tests {
             let mut random = stream(seed, "test", &[]);
             let [x, y, z] = [0.5, 1.0, 0.5].map(|s: f32| s * random.normal());
             let wanted = Mat3::from_euler(glam::EulerRot::XYZ, x, y, z);
-            let map = config.draw(&mut stream(seed, "test", &[]));
+            let map = config.draw(1, &mut stream(seed, "test", &[]));
             assert!(map.matrix.abs_diff_eq(wanted, 1e-6), "{seed}: {} {wanted}", map.matrix);
+        }
+    }
+
+    #[test]
+    fn yaw_is_about_the_axis_that_points_up_and_tilt_about_the_others() {
+        let drawn = |config: &AffineConfig, up, seed| config.draw(up, &mut stream(seed, "test", &[])).matrix;
+        let yaw = AffineConfig { yaw: 1.0, ..AffineConfig::default() };
+        let tilt = AffineConfig { tilt: 0.5, ..AffineConfig::default() };
+        for (up, axis) in [(1, Vec3::Y), (2, Vec3::Z)] {
+            for seed in 0..20 {
+                let turned = drawn(&yaw, up, seed);
+                assert!((turned * axis).abs_diff_eq(axis, 1e-6) && turned != Mat3::IDENTITY, "{up} {seed}: {turned}");
+                let angles: [f32; 3] = {
+                    let mut random = stream(seed, "test", &[]);
+                    std::array::from_fn(|k| if k == up { 0.0 } else { 0.5 } * random.normal())
+                };
+                let wanted = Mat3::from_euler(glam::EulerRot::XYZ, angles[0], angles[1], angles[2]);
+                assert!(drawn(&tilt, up, seed).abs_diff_eq(wanted, 1e-6), "{up} {seed}");
+            }
         }
     }
 
     #[test]
     fn the_default_changes_nothing() {
         let mut random = stream(1, "test", &[]);
-        let map = AffineConfig::default().draw(&mut random);
+        let map = AffineConfig::default().draw(1, &mut random);
         assert_eq!(map.position([1.0, 2.0, 3.0], &mut random), [1.0, 2.0, 3.0]);
         assert!(AffineConfig::default().validate().is_ok() && wild().validate().is_ok());
         assert!(AffineConfig { scale: [2.0, 1.0], ..wild() }.validate().is_err());

@@ -46,6 +46,14 @@ pub enum Up {
 }
 
 impl Up {
+    /// Its number: 1 for y, 2 for z.
+    pub fn axis(self) -> usize {
+        match self {
+            Self::Y => 1,
+            Self::Z => 2,
+        }
+    }
+
     /// A point of a rig as the network sees it. Nothing is rounded or mirrored.
     pub fn turn(self, [x, y, z]: Vec3) -> Vec3 {
         match self {

@@ -125,7 +125,7 @@ impl Source for BatchSource {
         let mut batch = Batch { prefix: self.prefix(&mut random), ..Batch::default() };
         for k in 0..s.rigs as u64 {
             let rig = self.prepared(self.rigs.at(number * s.rigs as u64 + k))?;
-            let map = c.augment.draw(&mut random);
+            let map = c.augment.draw(c.data.up.axis(), &mut random);
             let mut make = Maker::new(c, &rig, Some(map), &mut random);
             make.shape(&mut batch);
             let segments = make.segments();

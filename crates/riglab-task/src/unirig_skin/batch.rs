@@ -140,7 +140,7 @@ impl Source for BatchSource {
 /// For a skeleton that cannot be posed.
 pub fn sample(c: &SkinTaskConfig, ready: &Ready, random: &mut Stream) -> Result<RigBatch, String> {
     let s = &c.sampling;
-    let map = c.augment.draw(random);
+    let map = c.augment.draw(c.data.up.axis(), random);
     let owners = owners(ready, &s.merge, random);
     let bones = Bones::new(ready, &owners, |p| map.exact(p));
     let mut order: Vec<usize> = (0..ready.points.len()).collect();

@@ -211,7 +211,7 @@ mod tests {
     }
 
     fn drawn(ready: &Ready) -> Motion {
-        let map = riglab_augment::AffineConfig::default().draw(&mut stream(2, "test", &[]));
+        let map = riglab_augment::AffineConfig::default().draw(1, &mut stream(2, "test", &[]));
         let c = PhysicsConfig::default();
         Motion::draw(&c, ready, &Bones::all(ready), &map, &mut stream(3, "test", &[])).unwrap()
     }
