@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
-use riglab_core::{Asset, Clip, JointMap, Mesh, Rig, RigError, Skeleton, Vec3};
+use riglab_core::{Asset, Clip, JointMap, Mesh, Rig, RigError, Shape, Skeleton, Springs, Vec3};
 use riglab_data::{Corpus, DataError, SplitNames};
 use riglab_random::{Draw, stream};
 use serde::{Deserialize, Serialize};
@@ -86,7 +86,7 @@ impl Up {
         skeleton.with_heads(skeleton.heads().iter().map(|&p| self.turn(p)).collect())
     }
 
-    /// A rig as the network sees it. One that is turned loses its springs, whose directions no such network was told.
+    /// A rig as the network sees it, with its springs.
     ///
     /// # Errors
     /// None for a rig.
@@ -95,7 +95,27 @@ impl Up {
             return Ok(rig.clone());
         }
         let (skeleton, mesh) = (self.skeleton(rig.skeleton())?, self.mesh(rig.mesh())?);
-        Rig::new(skeleton, mesh, rig.weights().clone())?.with_humanoid(rig.humanoid().clone())
+        Rig::new(skeleton, mesh, rig.weights().clone())?
+            .with_humanoid(rig.humanoid().clone())?
+            .with_springs(self.springs(rig.springs())?)
+    }
+
+    /// Springs as the network sees them: where they end, where gravity pulls them and what stops them turn with their rig.
+    fn springs(self, springs: &Springs) -> Result<Springs, RigError> {
+        let (mut springs, mut colliders, groups) = springs.clone().into_parts();
+        for own in springs.iter_mut().flat_map(|spring| &mut spring.joints) {
+            own.tail = own.tail.map(|p| self.turn(p));
+            own.swing.gravity_direction = self.turn(own.swing.gravity_direction);
+        }
+        for own in &mut colliders {
+            own.shape = match own.shape {
+                Shape::Sphere { center, radius } => Shape::Sphere { center: self.turn(center), radius },
+                Shape::Capsule { from, to, radius } => {
+                    Shape::Capsule { from: self.turn(from), to: self.turn(to), radius }
+                }
+            };
+        }
+        Springs::new(springs, colliders, groups)
     }
 
     /// A clip of a rig as the network sees it.
@@ -572,6 +592,29 @@ mod tests {
             assert!(turned.iter().zip(Up::Z.turn(at)).all(|(a, b)| (a - b).abs() < 1e-6), "{turned:?} {at:?}");
         }
         assert_eq!(Up::Y.clip(&clip).unwrap(), clip);
+    }
+
+    #[test]
+    fn springs_turn_with_their_rig() {
+        use riglab_core::{Collider, JointId, Spring, SpringJoint, Swing};
+        let joint = Joint { name: "tail".into(), parent: None, head: [0.0; 3] };
+        let weights = SkinWeights::normalized((0..4).map(|_| [(0u16, 1.0)])).unwrap();
+        let swing = Swing { gravity_power: 1.0, ..Swing::default() };
+        let joints = vec![SpringJoint { joint: JointId(0), tail: Some([0.0, 0.5, 0.25]), swing }];
+        let spring = Spring { name: "tail".into(), joints, groups: vec![0], center: None };
+        let ball = Shape::Sphere { center: [0.0, 1.0, 0.0], radius: 0.1 };
+        let rod = Shape::Capsule { from: [0.0; 3], to: [0.0, 1.0, 2.0], radius: 0.2 };
+        let colliders = [ball, rod].map(|shape| Collider { joint: JointId(0), shape }).to_vec();
+        let rig = Rig::new(Skeleton::new(vec![joint]).unwrap(), crate::tokenrig::testing::tetrahedron(), weights)
+            .and_then(|rig| rig.with_springs(Springs::new(vec![spring], colliders, vec![vec![0, 1]])?))
+            .unwrap();
+        let turned = Up::Z.rig(&rig).unwrap();
+        let own = turned.springs().springs()[0].joints[0];
+        assert_eq!((own.tail, own.swing.gravity_direction), (Some([0.0, -0.25, 0.5]), [0.0, 0.0, -1.0]));
+        assert_eq!((own.swing.gravity_power, turned.springs().stops(0).count()), (1.0, 2));
+        let shapes: Vec<Shape> = turned.springs().colliders().iter().map(|c| c.shape).collect();
+        assert_eq!(shapes[0], Shape::Sphere { center: [0.0, 0.0, 1.0], radius: 0.1 });
+        assert_eq!(shapes[1], Shape::Capsule { from: [0.0; 3], to: [0.0, -2.0, 1.0], radius: 0.2 });
     }
 
     #[test]

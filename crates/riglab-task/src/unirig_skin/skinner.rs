@@ -14,6 +14,7 @@ use super::SkinTask;
 use super::config::SkinTaskConfig;
 use super::predict::{Predicted, Predictor};
 use super::ready::{Ready, pool};
+use crate::assets::Up;
 use crate::bundle::{self, Card, Stored};
 use crate::fsq_cvae::Prepared;
 use crate::settings::{Settings, TaskSettings};
@@ -151,9 +152,7 @@ impl Skinner {
         let (_, map) = rig.normalized();
         let mut told: Vec<Option<Swing>> = vec![None; rig.skeleton().len()];
         for (bone, row) in ready.rig.bones.iter().zip(&found.attributes) {
-            let own = swing(row, 1.0 / map.scale);
-            let direction = self.config.data.up.back(own.gravity_direction);
-            told[bone.joint.index()] = Some(Swing { gravity_direction: direction, ..own });
+            told[bone.joint.index()] = Some(swing(row, 1.0 / map.scale, self.config.data.up));
         }
         let (mut springs, colliders, groups) = rig.springs().clone().into_parts();
         for joint in springs.iter_mut().flat_map(|s| &mut s.joints) {
@@ -182,8 +181,9 @@ impl Skinner {
     }
 }
 
-/// A row of attributes as VRM may have them; `size` takes lengths of the cube to the rig's own.
-fn swing(row: &[f32; 7], size: f32) -> Swing {
+/// A row of attributes as VRM may have them, told by a network that has `up` up; `size` takes lengths of the cube to the
+/// rig's own.
+fn swing(row: &[f32; 7], size: f32, up: Up) -> Swing {
     let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
     let [stiffness, drag, power, x, y, z, radius] = row.map(finite);
     let direction = glam::Vec3::new(x, y, z).try_normalize();
@@ -191,7 +191,7 @@ fn swing(row: &[f32; 7], size: f32) -> Swing {
         stiffness: stiffness.max(0.0),
         drag: drag.clamp(0.0, 1.0),
         gravity_power: power.max(0.0),
-        gravity_direction: direction.map_or(Swing::default().gravity_direction, Into::into),
+        gravity_direction: direction.map_or(Swing::default().gravity_direction, |d| up.back(d.into())),
         hit_radius: radius.max(0.0) * size,
     }
 }
@@ -206,11 +206,16 @@ mod tests {
 
     #[test]
     fn any_row_is_a_sound_swing() {
-        let told = swing(&[0.5, 0.25, 2.0, 0.0, -3.0, 4.0, 0.1], 2.0);
+        let told = swing(&[0.5, 0.25, 2.0, 0.0, -3.0, 4.0, 0.1], 2.0, Up::Y);
         assert_eq!((told.stiffness, told.drag, told.gravity_power, told.hit_radius), (0.5, 0.25, 2.0, 0.2));
         assert!((told.gravity_direction[1] + 0.6).abs() < 1e-6 && (told.gravity_direction[2] - 0.8).abs() < 1e-6);
-        let odd = swing(&[-1.0, 7.0, f32::NAN, 0.0, 0.0, 0.0, -2.0], 1.0);
-        assert_eq!(odd, Swing { stiffness: 0.0, drag: 1.0, ..Swing::default() });
+        let down = swing(&[0.5, 0.25, 2.0, 0.0, 0.0, -2.0, 0.1], 2.0, Up::Z).gravity_direction;
+        assert_eq!(down, [0.0, -1.0, 0.0]);
+        // What has no direction pulls down, whichever way is up in the network's axes.
+        for up in [Up::Y, Up::Z] {
+            let odd = swing(&[-1.0, 7.0, f32::NAN, 0.0, 0.0, 0.0, -2.0], 1.0, up);
+            assert_eq!(odd, Swing { stiffness: 0.0, drag: 1.0, ..Swing::default() });
+        }
     }
 
     #[test]
