@@ -1,4 +1,4 @@
-//! Points drawn from a mesh's surface, uniformly by area.
+//! Points drawn from a mesh's surface, uniformly by area or by its square.
 
 use std::borrow::Cow;
 
@@ -6,6 +6,7 @@ use glam::Vec3;
 use riglab_core::{Mesh, SkinWeights};
 use riglab_random::{Draw, Stream};
 
+use crate::cloud::By;
 use crate::draws::{self, folded};
 
 /// A point on a triangle.
@@ -20,7 +21,7 @@ pub struct SurfacePoint {
 /// Draws points of one mesh; keeps the areas summed up.
 pub struct SurfaceSampler<'a> {
     mesh: &'a Mesh,
-    /// Running sum of areas; the last one is the surface.
+    /// Running sum of areas, or of their squares; the last one is all of them.
     sums: Cow<'a, [f64]>,
 }
 
@@ -32,12 +33,16 @@ pub fn barycentric(random: &mut Stream) -> [f32; 3] {
 impl<'a> SurfaceSampler<'a> {
     /// Sums up the areas. A mesh without any area gives all triangles the same share.
     pub fn new(mesh: &'a Mesh) -> Self {
-        let area = |t| f64::from(Vec3::from(mesh.area_vector(t)).length());
+        Self::by(mesh, By::Area)
+    }
+
+    /// As [`Self::new`], of what triangles are weighted by.
+    pub fn by(mesh: &'a Mesh, by: By) -> Self {
         let n = mesh.triangles().len();
         let mut sums: Vec<f64> = Vec::with_capacity(n);
         let mut sum = 0.0;
         for t in 0..n {
-            sum += area(t);
+            sum += by.weight(Vec3::from(mesh.area_vector(t)).length());
             sums.push(sum);
         }
         if !(sum > 0.0 && sum.is_finite()) {
@@ -128,6 +133,10 @@ mod tests {
             assert!((p.barycentric.iter().sum::<f32>() - 1.0).abs() < 1e-6);
         }
         assert_eq!(sampler.normal(&points[0]), [0.0, 0.0, 1.0]);
+        // By its square nine in ten lie on the larger one.
+        let squared = SurfaceSampler::by(&mesh, By::SquaredArea);
+        let second = (0..4000).filter(|_| squared.draw(&mut random).triangle == 1).count();
+        assert!((3500..3700).contains(&second), "{second}");
     }
 
     #[test]

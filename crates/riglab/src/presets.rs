@@ -103,6 +103,7 @@ fn texts(dir: &'static Dir<'static>) -> Vec<(&'static str, &'static str)> {
 
 #[cfg(test)]
 mod tests {
+    use riglab_geom::{By, CloudConfig};
     use riglab_nn::fsq_cvae::FsqCvae;
     use riglab_nn::params::Builder;
     use riglab_nn::skeleton::SkeletonModel;
@@ -168,6 +169,18 @@ mod tests {
         let (attention, norm) = (4 * d * d + d, 2 * d);
         let mlp = 8 * d * d + 5 * d;
         (54 + 1) * d + (attention + mlp + 3 * norm) + layers * (attention + mlp + 2 * norm) + norm
+    }
+
+    #[test]
+    fn networks_of_the_releases_see_meshes_as_they_do_there() {
+        let read = |name: &str| TaskConfig::read(&load(name, &[]).unwrap()).unwrap();
+        let TaskConfig::UnirigSkeleton(skeleton) = read("unirig/skeleton_released.toml") else { panic!("skeletons") };
+        assert_eq!(skeleton.sampling.cloud, CloudConfig::unirig_ar_training());
+        assert_eq!(skeleton.eval_cloud(), &CloudConfig::unirig_ar());
+        let TaskConfig::UnirigSkin(skin) = read("unirig/skin_released.toml") else { panic!("weights") };
+        let s = &skin.sampling;
+        assert_eq!((s.points, s.vertex_share, s.by), (16_384, 0.5, By::SquaredArea));
+        assert_eq!(skin.eval_cloud(), CloudConfig::unirig_skin());
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 use riglab_augment::Normals;
 use riglab_core::{Asset, JointId, Mesh, Rig, Segment, SkinWeights, Vec3};
-use riglab_geom::{Blocks, SurfacePoint, SurfaceSampler, farthest_points};
+use riglab_geom::{Blocks, By, SurfacePoint, SurfaceSampler, farthest_points};
 use riglab_metric::ACTIVE;
 use riglab_random::{Draw, Stream};
 
@@ -167,6 +167,16 @@ impl Prepared {
     pub fn surface(&self, random: &mut Stream) -> Point {
         let sampler = SurfaceSampler::with_sums(self.rig.mesh(), &self.areas);
         self.on(sampler.draw(random))
+    }
+
+    /// So many points anywhere on the surface, in triangles as they are weighted.
+    pub fn surface_by(&self, by: By, count: usize, random: &mut Stream) -> Vec<Point> {
+        let mesh = self.rig.mesh();
+        let sampler = match by {
+            By::Area => SurfaceSampler::with_sums(mesh, &self.areas),
+            By::SquaredArea => SurfaceSampler::by(mesh, by),
+        };
+        (0..count).map(|_| self.on(sampler.draw(random))).collect()
     }
 
     /// A point anywhere: a vertex with the given probability.

@@ -274,8 +274,8 @@ fn sums_of(
     device: Device,
     training: bool,
 ) -> Parts {
-    let (shapes, p) = (&batch.shapes, c.model.shape.tokens);
-    let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, p, device);
+    let shapes = &batch.shapes;
+    let (cloud, picks) = shape_tensors(shapes, c.model.shape.tokens, device);
     let prefix = net.condition(w, &cloud, &picks);
     let ids = Tensor::from_slice(&shapes.ids).to_device(device);
     let told = c.model.tell_joint.then(|| Tensor::from_slice(&batch.told).view([ids.size()[0], -1]).to_device(device));

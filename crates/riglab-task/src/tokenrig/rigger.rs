@@ -204,8 +204,7 @@ impl Rigger {
 
     /// What the decoder reads of shapes, [b, p, d].
     pub fn prefix(&self, w: &Weights, shapes: &Shapes) -> Tensor {
-        let c = &self.config;
-        let (cloud, picks) = shape_tensors(shapes, c.sampling.cloud.points, c.model.shape.tokens, self.device);
+        let (cloud, picks) = shape_tensors(shapes, self.config.model.shape.tokens, self.device);
         self.net.condition(w, &cloud, &picks)
     }
 }

@@ -83,6 +83,9 @@ impl Default for LossConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EvalConfig {
+    /// The points that the network sees of each mesh for which skeletons are drawn; `points = 0` sees as in training
+    /// (`sampling.cloud`).
+    pub cloud: CloudConfig,
     /// How skeletons are drawn. While training, beams are left out: validations then take the likeliest tokens.
     pub generate: GenerateConfig,
     /// Skeletons that `riglab eval` samples for each mesh, of which it takes the one that the others agree with most
@@ -111,6 +114,7 @@ pub struct EvalConfig {
 impl Default for EvalConfig {
     fn default() -> Self {
         Self {
+            cloud: CloudConfig { points: 0, ..CloudConfig::default() },
             generate: GenerateConfig::default(),
             consensus: 1,
             clouds: 1,
@@ -133,6 +137,11 @@ impl EvalConfig {
 }
 
 impl SkeletonTaskConfig {
+    /// The points that the network sees of a mesh for which skeletons are drawn.
+    pub fn eval_cloud(&self) -> &CloudConfig {
+        if self.eval.cloud.points == 0 { &self.sampling.cloud } else { &self.eval.cloud }
+    }
+
     /// Checks sizes and their relations.
     ///
     /// # Errors
@@ -157,6 +166,13 @@ impl SkeletonTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
+        let (seen, asked) = (self.eval_cloud().points, self.model.shape.tokens * self.model.shape.drawn);
+        if seen < asked {
+            return bad(
+                "eval.cloud.points",
+                format!("{seen} points, and model.shape draws {asked} of them: give more"),
+            );
+        }
         let ids = Vocabulary::new(&self.tokenizer).len();
         if let Some(token) = self.model.decoder.frozen_token.filter(|token| *token as usize >= ids) {
             let message =
@@ -189,6 +205,17 @@ impl TaskSettings for SkeletonTaskConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn evaluations_see_what_training_does_unless_they_are_told_otherwise() {
+        let mut c = SkeletonTaskConfig::default();
+        c.sampling.cloud.vertices = 7;
+        assert_eq!(c.eval_cloud(), &c.sampling.cloud);
+        c.eval.cloud = CloudConfig::unirig_ar();
+        assert_eq!((c.eval_cloud(), c.validate()), (&CloudConfig::unirig_ar(), Ok(())));
+        c.eval.cloud.points = 8;
+        assert_eq!(c.validate().unwrap_err().0, "eval.cloud.points");
+    }
 
     #[test]
     fn a_frozen_token_is_one_of_the_vocabulary() {

@@ -206,7 +206,7 @@ impl Drawer<'_> {
         let (c, agreement) = (self.config, self.config.eval.agreement());
         let (shares, mut shapes) = (agreement.shares(), Batch::default());
         for (mesh, key) in meshes {
-            let how = (&c.sampling.cloud, &c.model.shape);
+            let how = (c.eval_cloud(), &c.model.shape);
             agreement.shapes(how, mesh, (c.eval.seed, *key), shares.len(), &mut shapes);
         }
         let prefix = self.prefix_of(w, &shapes);
@@ -233,8 +233,8 @@ impl Drawer<'_> {
         let (c, mut batch) = (self.config, Batch::default());
         for (mesh, key) in meshes {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
-            let sampler = CloudSampler::new(mesh, &c.sampling.cloud);
-            shape(&c.sampling.cloud, &c.model.shape, &sampler, &mut random, &mut batch);
+            let sampler = CloudSampler::new(mesh, c.eval_cloud());
+            shape(c.eval_cloud(), &c.model.shape, &sampler, &mut random, &mut batch);
         }
         batch
     }
@@ -375,6 +375,7 @@ pub(crate) fn rows_at_once(rows: usize, bytes: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use riglab_geom::CloudConfig;
     use riglab_nn::params::Params;
 
     use super::*;
@@ -420,6 +421,19 @@ mod tests {
             }
         }
         assert_eq!(each(&prefix.narrow(0, 0, 1), 2), [0, 0]);
+    }
+
+    #[test]
+    fn meshes_are_seen_as_evaluations_are_told() {
+        let ((mut config, net, params), mesh) = (untrained(), tetrahedron());
+        let tokenizer = Tokenizer::new(config.tokenizer.clone());
+        config.eval.cloud = CloudConfig { points: 96, vertices: 3, ..CloudConfig::default() };
+        let drawer = Drawer { config: &config, tokenizer: &tokenizer, net: &net, device: Device::Cpu };
+        let seen = drawer.shapes_of(&[(&mesh, 0), (&mesh, 1)]);
+        let corners = seen.cloud.chunks(6).filter(|row| mesh.positions().contains(&[row[0], row[1], row[2]])).count();
+        assert_eq!((seen.cloud.len(), corners), (2 * 96 * 6, 2 * 3));
+        assert_eq!(drawer.prefix_of(params.weights(), &seen).size()[0], 2);
+        assert!(drawer.draw_several(params.weights(), &[(&mesh, 0)], None).is_ok());
     }
 
     #[test]

@@ -206,12 +206,12 @@ impl Experiment for SkeletonTask {
 
 /// The cloud [b, n, 6] and the picks [b, p] of a batch.
 pub(crate) fn shape_of(c: &SkeletonTaskConfig, batch: &Batch, device: Device) -> (Tensor, Tensor) {
-    shape_tensors(batch, c.sampling.cloud.points, c.model.shape.tokens, device)
+    shape_tensors(batch, c.model.shape.tokens, device)
 }
 
-/// As [`shape_of`], of so many points and picks.
-pub(crate) fn shape_tensors(batch: &Batch, points: usize, picks: usize, device: Device) -> (Tensor, Tensor) {
-    let rigs = batch.rigs as i64;
+/// As [`shape_of`], of so many picks. All rigs have as many points.
+pub(crate) fn shape_tensors(batch: &Batch, picks: usize, device: Device) -> (Tensor, Tensor) {
+    let (rigs, points) = (batch.rigs as i64, batch.cloud.len() / 6 / batch.rigs.max(1));
     let cloud = Tensor::from_slice(&batch.cloud).view([rigs, points as i64, 6]).to_device(device);
     (cloud, Tensor::from_slice(&batch.picks).view([rigs, picks as i64]).to_device(device))
 }

@@ -86,7 +86,7 @@ impl BatchSource {
             return self.cache.get((id, 0), || {
                 let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
                 let random = &mut stream(seed, "skin pool", &[id.key()]);
-                Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.measured(), random)))
+                Ok(kept(Ready::pooled(rig, &s.kept(), s.measured(), random)))
             });
         }
         let variant = match s.variants {
@@ -97,7 +97,7 @@ impl BatchSource {
             let (asset, key) = (self.assets.read(id).map_err(|e| e.to_string())?, [id.key(), variant]);
             let rig = varied(&self.config.recipe, asset, seed, &key)?;
             let random = &mut stream(seed, "skin pool", &key);
-            Ok(kept(Ready::pooled(rig, s.pool, s.vertex_share, s.measured(), random)))
+            Ok(kept(Ready::pooled(rig, &s.kept(), s.measured(), random)))
         };
         if s.variants == 0 { make().map(|(ready, _)| Arc::new(ready)) } else { self.cache.get((id, variant), make) }
     }
@@ -308,13 +308,14 @@ fn frozen(c: &SkinTaskConfig, bones: usize, random: &mut Stream) -> Vec<bool> {
 mod tests {
     use riglab_augment::{CubeConfig, JitterConfig, PoseConfig};
     use riglab_core::{Joint, Mesh, Rig, Skeleton, SkinWeights};
+    use riglab_geom::{By, CloudConfig};
     use riglab_nn::skin_stage::{BoneInput, SkinModelConfig};
 
     use super::*;
-    use crate::fsq_cvae::Place;
+    use crate::fsq_cvae::{Place, Point};
     use crate::unirig_skin::config::{FreezeConfig, ReleasedConfig};
     use crate::unirig_skin::pairs::PairInput;
-    use crate::unirig_skin::ready::Measured;
+    use crate::unirig_skin::ready::{Measured, pool};
 
     /// A box four long with joints at 0, 1, 2 and 3; the second holds nothing.
     fn long_box() -> Rig {
@@ -346,7 +347,11 @@ mod tests {
 
     fn ready() -> Ready {
         let rig = Prepared::of("box".into(), long_box().normalized().0, false);
-        Ready::pooled(rig, 64, 0.5, Measured { resolution: 24, heat: true }, &mut stream(1, "test", &[]))
+        Ready::pooled(rig, &cloud(), Measured { resolution: 24, heat: true }, &mut stream(1, "test", &[]))
+    }
+
+    fn cloud() -> CloudConfig {
+        CloudConfig { points: 64, vertices: 32, ..CloudConfig::default() }
     }
 
     fn config() -> SkinTaskConfig {
@@ -360,6 +365,29 @@ mod tests {
         c.sampling.told = PairInput::Features;
         c.validate().unwrap();
         c
+    }
+
+    #[test]
+    fn pools_have_as_many_vertices_as_they_are_told_and_triangles_as_they_weigh() {
+        let rig = Prepared::of("box".into(), long_box().normalized().0, false);
+        let of = |vertices, by| {
+            let cloud = CloudConfig { points: 2_000, vertices, by };
+            let points = pool(&rig, &cloud, &mut stream(1, "test", &[]));
+            assert_eq!(points.len(), cloud.points);
+            points
+        };
+        let vertices = |points: &[Point]| points.iter().filter(|p| matches!(p.at, Place::Vertex(_))).count();
+        let by = [By::Area, By::SquaredArea];
+        // There are 40.
+        assert_eq!(by.map(|by| [0, 8, 100].map(|n| vertices(&of(n, by)))), [[0, 8, 40]; 2]);
+        let triangles = rig.rig.mesh().triangles().len();
+        let largest = (0..triangles).map(|t| glam::Vec3::from(rig.rig.mesh().area_vector(t)).length());
+        let largest = largest.enumerate().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap().0 as u32;
+        let on = |points: &[Point]| {
+            points.iter().filter(|p| matches!(p.at, Place::Surface(p) if p.triangle == largest)).count()
+        };
+        let [plain, squared] = by.map(|by| on(&of(0, by)));
+        assert!(squared > plain, "{squared} {plain}");
     }
 
     #[test]
@@ -442,7 +470,7 @@ mod tests {
                 provenance: riglab_core::Provenance::default(),
             };
             let measured = Measured { resolution: 24, heat: true };
-            Ready::pooled(varied(&recipe, asset, 0, &[0]).unwrap(), 64, 0.5, measured, &mut stream(1, "test", &[]))
+            Ready::pooled(varied(&recipe, asset, 0, &[0]).unwrap(), &cloud(), measured, &mut stream(1, "test", &[]))
         };
         let (own, noisy) = (of(Recipe::default()), of(Recipe { jitter, ..Recipe::default() }));
         let far = |(a, b): (&crate::fsq_cvae::Point, &crate::fsq_cvae::Point)| {

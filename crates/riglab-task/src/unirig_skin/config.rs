@@ -1,6 +1,7 @@
 //! Settings of the task.
 
 use riglab_augment::{AffineConfig, Recipe};
+use riglab_geom::{By, CloudConfig};
 use riglab_nn::skin_stage::{ATTRIBUTE_SCALE, SkinModelConfig};
 use riglab_train::TrainConfig;
 use serde::{Deserialize, Serialize};
@@ -56,6 +57,8 @@ pub struct SamplingConfig {
     /// Share of them that are vertices, as far as there are any, rather than points of the surface. Evaluation is on
     /// vertices.
     pub vertex_share: f32,
+    /// What triangles are weighted by where points of the surface are drawn, for evaluations too.
+    pub by: By,
     /// What the network is told of each pair of point and bone.
     pub told: PairInput,
     /// Cells along the longest side of the body that distances go through.
@@ -172,6 +175,8 @@ impl ReleasedConfig {
 pub struct EvalConfig {
     /// Points of each asset that the network sees; 0 takes as many as in training.
     pub points: usize,
+    /// So many of these are vertices, as far as there are any; 0 takes the share of training (`sampling.vertex_share`).
+    pub vertices: usize,
     /// Vertices of each asset that validation looks at while training.
     pub validation_vertices: usize,
     /// Assets of the validation split that it looks at while training, of each corpus by `data.weights`; 0 takes all.
@@ -201,6 +206,7 @@ impl Default for SamplingConfig {
             pool: 16_384,
             variants: 4,
             vertex_share: 0.5,
+            by: By::Area,
             told: PairInput::Distance,
             resolution: 196,
             merge: MergeConfig::default(),
@@ -209,6 +215,15 @@ impl Default for SamplingConfig {
 }
 
 impl SamplingConfig {
+    /// The points that are kept of each asset.
+    pub(super) fn kept(&self) -> CloudConfig {
+        self.cloud(self.pool)
+    }
+
+    fn cloud(&self, points: usize) -> CloudConfig {
+        CloudConfig { points, vertices: (points as f32 * self.vertex_share) as usize, by: self.by }
+    }
+
     /// What of a body is measured for it.
     pub fn measured(&self) -> Measured {
         Measured { resolution: self.resolution, heat: self.told.heat() }
@@ -247,6 +262,7 @@ impl Default for EvalConfig {
     fn default() -> Self {
         Self {
             points: 0,
+            vertices: 0,
             validation_vertices: 800,
             validation_assets: 64,
             spread: 0.0,
@@ -282,10 +298,14 @@ impl SkinTaskConfig {
             return fault(key, format!("{key} must be at least 1"));
         }
         let picked = self.model.shape.tokens * self.model.shape.drawn;
-        for (key, n) in [("sampling.points", s.points), ("eval.points", self.eval_points())] {
+        let seen = self.eval_cloud();
+        for (key, n) in [("sampling.points", s.points), ("eval.points", seen.points)] {
             if n < picked {
                 return fault(key, format!("{n} points, and model.shape draws {picked} of them"));
             }
+        }
+        if seen.vertices > seen.points {
+            return fault("eval.vertices", format!("{} vertices of {} points: give fewer", seen.vertices, seen.points));
         }
         if s.queries > s.points || s.points > s.pool {
             let (q, n, p) = (s.queries, s.points, s.pool);
@@ -374,9 +394,11 @@ impl SkinTaskConfig {
         Ok(())
     }
 
-    /// Points that the network sees in evaluation.
-    pub fn eval_points(&self) -> usize {
-        if self.eval.points == 0 { self.sampling.points } else { self.eval.points }
+    /// What the network sees of a rig in evaluation.
+    pub fn eval_cloud(&self) -> CloudConfig {
+        let points = if self.eval.points == 0 { self.sampling.points } else { self.eval.points };
+        let cloud = self.sampling.cloud(points);
+        if self.eval.vertices == 0 { cloud } else { CloudConfig { vertices: self.eval.vertices, ..cloud } }
     }
 }
 
@@ -418,6 +440,19 @@ mod tests {
         assert_eq!(fault(|c| c.loss.attribute_scale = [0.0; 7]), "loss.attribute_scale");
         assert_eq!(fault(|c| c.eval.cuts = vec![2.0]), "eval.cuts");
         assert_eq!(fault(|c| c.data.test = vec!["a".into(), "a".into()]), "data.test");
+        assert_eq!(fault(|c| (c.eval.points, c.eval.vertices) = (8192, 8193)), "eval.vertices");
+    }
+
+    #[test]
+    fn evaluations_see_what_training_does_unless_they_are_told_otherwise() {
+        let mut c = SkinTaskConfig::default();
+        let (points, vertices) = (16_384, 8_192);
+        assert_eq!(c.eval_cloud(), CloudConfig { points, vertices, by: By::Area });
+        assert_eq!(c.sampling.kept(), c.eval_cloud());
+        c.eval.points = 32_768;
+        assert_eq!(c.eval_cloud(), CloudConfig { points: 2 * points, vertices: 2 * vertices, by: By::Area });
+        (c.eval.vertices, c.sampling.by) = (vertices, By::SquaredArea);
+        assert_eq!(c.eval_cloud(), CloudConfig::unirig_skin());
     }
 
     #[test]

@@ -200,12 +200,11 @@ impl SkinTask {
     pub(super) fn subject(&self, id: AssetId, limit: Option<(usize, u64)>) -> Result<Subject, String> {
         let rig = Prepared::new(self.assets.read(id).map_err(|e| e.to_string())?);
         let truth = Truth::new(&rig, limit);
-        let s = &self.config.sampling;
-        let seen = self.config.eval_points();
+        let (s, cloud) = (&self.config.sampling, self.config.eval_cloud());
         let mut random = stream(self.config.eval.seed, "skin evaluation", &[id.key()]);
-        let mut points = pool(&rig, seen, s.vertex_share, &mut random);
+        let mut points = pool(&rig, &cloud, &mut random);
         points.extend(truth.points);
-        Ok(Subject { ready: Ready::new(rig, points, s.measured()), seen, truth: truth.dense })
+        Ok(Subject { ready: Ready::new(rig, points, s.measured()), seen: cloud.points, truth: truth.dense })
     }
 
     pub(super) fn predicted(&self, w: &Weights, subject: &Subject) -> Result<Predicted, String> {

@@ -203,8 +203,7 @@ mod tests {
         let rig = Prepared::of("rod".into(), rig.normalized().0, false);
         Ready::pooled(
             rig,
-            64,
-            0.5,
+            &riglab_geom::CloudConfig { points: 64, vertices: 32, ..Default::default() },
             crate::unirig_skin::ready::Measured { resolution: 24, heat: false },
             &mut stream(1, "test", &[]),
         )

@@ -1,6 +1,7 @@
 //! An asset made ready: points with their distances from bones, and the bones.
 
 use riglab_core::{JointId, Segment, Swing, Vec3};
+use riglab_geom::CloudConfig;
 use riglab_geom::geodesic::GeodesicSolver;
 use riglab_geom::voxel::SolidConfig;
 use riglab_metric::heat_weights;
@@ -62,10 +63,9 @@ impl Ready {
         Self { seats, points, distances, heat, rig }
     }
 
-    /// Of a rig and a pool of `count` of its points: vertices, no two the same, up to the share, and points of the
-    /// surface.
-    pub fn pooled(rig: Prepared, count: usize, vertex_share: f32, measured: Measured, random: &mut Stream) -> Self {
-        let points = pool(&rig, count, vertex_share, random);
+    /// Of a rig and a [`pool`] of its points.
+    pub fn pooled(rig: Prepared, cloud: &CloudConfig, measured: Measured, random: &mut Stream) -> Self {
+        let points = pool(&rig, cloud, random);
         Self::new(rig, points, measured)
     }
 
@@ -106,13 +106,13 @@ fn heat(rig: &Prepared, points: &[Point], config: &SolidConfig) -> Vec<f32> {
     out
 }
 
-/// Points of a rig, in random order.
-pub fn pool(rig: &Prepared, count: usize, vertex_share: f32, random: &mut Stream) -> Vec<Point> {
+/// Points of a rig, in random order: vertices, no two the same, and points of the surface.
+pub fn pool(rig: &Prepared, cloud: &CloudConfig, random: &mut Stream) -> Vec<Point> {
     let mut vertices: Vec<u32> = (0..rig.rig.mesh().positions().len() as u32).collect();
     random.shuffled(&mut vertices);
-    vertices.truncate((count as f32 * vertex_share) as usize);
+    vertices.truncate(cloud.vertices.min(cloud.points));
     let mut points: Vec<Point> = vertices.iter().map(|&v| rig.vertex(v)).collect();
-    points.resize_with(count, || rig.surface(random));
+    points.extend(rig.surface_by(cloud.by, cloud.points - points.len(), random));
     random.shuffled(&mut points);
     points
 }

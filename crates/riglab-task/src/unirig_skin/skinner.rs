@@ -126,7 +126,7 @@ impl Skinner {
         let (ready, found) = self.predict(rig, holders, seed)?;
         let bones = &ready.rig.bones;
         let rule = DecodeRule { cut: self.cut.unwrap_or(CUT), influences: influences.unwrap_or(4).max(1) };
-        let dense = self.predictor().spread(&ready, self.config.eval_points(), found.dense);
+        let dense = self.predictor().spread(&ready, self.config.eval_cloud().points, found.dense);
         let rows = dense.chunks_exact(bones.len()).map(|row| {
             let mut row = row.to_vec();
             rule.apply(&mut row);
@@ -168,11 +168,11 @@ impl Skinner {
         if prepared.bones.is_empty() {
             return Err("no joint holds a vertex".into());
         }
-        let (c, seen) = (&self.config, self.config.eval_points());
-        let mut points = pool(&prepared, seen, c.sampling.vertex_share, &mut stream(seed, "skin of a file", &[]));
+        let (c, cloud) = (&self.config, self.config.eval_cloud());
+        let mut points = pool(&prepared, &cloud, &mut stream(seed, "skin of a file", &[]));
         points.extend((0..prepared.rig.mesh().positions().len() as u32).map(|v| prepared.vertex(v)));
         let ready = Ready::new(prepared, points, c.sampling.measured());
-        let found = self.predictor().predict(&ready, seen)?;
+        let found = self.predictor().predict(&ready, cloud.points)?;
         Ok((ready, found))
     }
 

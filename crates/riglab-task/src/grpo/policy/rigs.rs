@@ -112,7 +112,7 @@ impl Policy for TokenRigTask {
                 let mut found = Free::default();
                 own.iter().for_each(|s| free(layout, grammar.clone(), &s.ids, prompt, &mut found));
                 let counts = counts(own, &found.chosen);
-                (own, found, counts, shape_tensors(shapes, c.sampling.cloud.points, c.model.shape.tokens, device))
+                (own, found, counts, shape_tensors(shapes, c.model.shape.tokens, device))
             })
             .collect();
         let jobs = parts.iter().map(|(own, found, _, (cloud, picks))| {

@@ -59,7 +59,7 @@ impl Policy for SkeletonTask {
     }
 
     fn reads(&self) -> (&CloudConfig, &PerceiverConfig) {
-        (&self.config().sampling.cloud, &self.config().model.shape)
+        (self.config().eval_cloud(), &self.config().model.shape)
     }
 
     fn up(&self) -> Up {
