@@ -144,17 +144,25 @@ pub(crate) fn drawable(
     Ok(())
 }
 
-/// Assets of the training splits that cannot be trained on: none of what only has its mesh looked at.
+/// Whether an asset may have a sequence within limits, whatever is done to it.
+pub(crate) fn may_fit(assets: &Assets, limits: Limits, id: AssetId) -> bool {
+    let joints = assets.counts(id)[2];
+    limits.hold(joints, 3 * joints + 3)
+}
+
+/// Assets of the training splits that are not trained on.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct LeftOut {
     out: usize,
     all: usize,
     /// Whether nothing is left of a corpus.
     whole: bool,
+    /// What sequences have to fit, where they have to.
+    limits: Option<Limits>,
 }
 
 impl LeftOut {
-    /// Takes out of `training` what cannot fit, whatever is done to it; augmentation may still make others too long.
+    /// Takes out of `training` what cannot fit; augmentation may still make others too long.
     ///
     /// # Errors
     /// A sentence: when a column cannot be read.
@@ -164,39 +172,52 @@ impl LeftOut {
         limits: Limits,
         training: &mut [(f32, Vec<AssetId>)],
     ) -> Result<Self, String> {
-        let fits = |id: &AssetId| {
-            let joints = assets.counts(*id)[2];
-            limits.hold(joints, 3 * joints + 3)
-        };
         let none: Vec<bool> = training.iter().map(|(_, ids)| ids.is_empty()).collect();
-        training.iter_mut().for_each(|(_, ids)| ids.retain(fits));
+        training.iter_mut().for_each(|(_, ids)| ids.retain(|&id| may_fit(assets, limits, id)));
+        // Where there was nothing, nothing is trained on.
+        let whole = training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none);
+        Ok(Self { whole, limits: Some(limits), ..Self::of(assets, data, training)? })
+    }
+
+    /// What `training`, as of [`Assets::training`], is without: whatever has too many joints.
+    ///
+    /// # Errors
+    /// A sentence: when a column cannot be read.
+    pub fn of(assets: &Assets, data: &DataConfig, training: &[(f32, Vec<AssetId>)]) -> Result<Self, String> {
         let mut all = 0;
         for split in &data.train {
             let own = assets.split(split).map_err(|e| e.to_string())?;
             all += own.into_iter().filter(|&id| data.trains_on(id)).count();
         }
-        // Where there was nothing, nothing is trained on.
-        let whole = training.iter().zip(none).any(|((_, ids), none)| ids.is_empty() && !none);
-        Ok(Self { out: all - training.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all), all, whole })
-    }
-
-    /// Why this cannot be trained on; evaluations need none of it.
-    pub fn untrainable(self, Limits { joints, tokens }: Limits) -> Option<String> {
-        self.whole.then(|| {
-            format!("no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them")
+        Ok(Self {
+            out: all - training.iter().map(|(_, ids)| ids.len()).sum::<usize>().min(all),
+            all,
+            ..Self::default()
         })
     }
 
+    /// Why this cannot be trained on; evaluations need none of it.
+    pub fn untrainable(self) -> Option<String> {
+        let Limits { joints, tokens } = self.limits.filter(|_| self.whole)?;
+        Some(format!("no asset of a corpus fits limits.joints = {joints} and limits.tokens = {tokens}; raise them"))
+    }
+
     /// What someone who trains should know of it.
-    pub fn notes(self, data: &DataConfig, limits: Limits) -> Vec<String> {
-        let Self { out, all, .. } = self;
-        let note = format!(
-            "{out} of {all} training assets are left out: they have more joints than data.max_joints = {} or \
-             limits.joints = {}, or more tokens than limits.tokens = {}; those that only augmentation makes too long are counted in \
-             train/skipped_assets",
-            data.max_joints, limits.joints, limits.tokens
-        );
-        if out > 0 { vec![note] } else { Vec::new() }
+    pub fn notes(self, data: &DataConfig) -> Vec<String> {
+        let Self { out, all, limits, .. } = self;
+        let limits = limits.map_or(String::new(), |Limits { joints, tokens }| {
+            format!(
+                " or limits.joints = {joints}, or more tokens than limits.tokens = {tokens}; those that only augmentation makes \
+                 too long are counted in train/skipped_assets"
+            )
+        });
+        let most = data.max_joints;
+        let note = || {
+            format!(
+                "{out} of {all} training assets are left out: they have more joints than data.max_joints = {most}{limits}"
+            )
+        };
+        (out > 0).then(note).into_iter().collect()
     }
 }
 
@@ -334,11 +355,24 @@ mod tests {
             let mut training = assets.training(&data).unwrap();
             let left = LeftOut::take(&assets, &data, Limits { joints: 2, tokens: 99 }, &mut training).unwrap();
             let none = LeftOut::take(&assets, &data, Limits { joints: 0, tokens: 99 }, &mut training.clone()).unwrap();
-            assert!(left.untrainable(Limits { joints: 2, tokens: 99 }).is_none());
-            assert!(none.untrainable(Limits { joints: 0, tokens: 99 }).unwrap().contains("limits.joints = 0"));
+            assert!(left.untrainable().is_none());
+            assert!(none.untrainable().unwrap().contains("limits.joints = 0"));
+            assert!(
+                left.notes(&data)[0].contains("= 1024 or limits.joints = 2, or more tokens than limits.tokens = 99;")
+            );
             (left.out, left.all)
         };
         assert_eq!([of(&[]), of(&[1.0, 2.0]), of(&[1.0, 0.0])], [(2, 4), (2, 4), (1, 2)]);
+        // Without sequences there is one limit.
+        let told = |max_joints| {
+            let data = DataConfig { corpora: corpora.to_vec(), max_joints, ..DataConfig::default() };
+            let left = LeftOut::of(&assets, &data, &assets.training(&data).unwrap()).unwrap();
+            assert!(left.untrainable().is_none());
+            left.notes(&data)
+        };
+        assert_eq!(told(4), [""; 0]);
+        let said = "2 of 4 training assets are left out: they have more joints than data.max_joints = 3";
+        assert_eq!(told(3), [said]);
     }
 
     #[test]

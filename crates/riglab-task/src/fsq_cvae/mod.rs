@@ -37,6 +37,7 @@ pub(crate) use report::{BONES_KNOWN, asset_columns, skin_columns};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};
+use crate::sequences::LeftOut;
 use crate::settings::TaskSettings;
 
 /// The task, with its network and data.
@@ -46,6 +47,7 @@ pub struct FsqCvaeTask {
     cache: Arc<Cache<Prepared>>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
+    left_out: LeftOut,
     net: FsqCvae,
     params: Params,
     device: Device,
@@ -59,9 +61,11 @@ impl FsqCvaeTask {
     pub fn new(config: FsqCvaeTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
         assets.rigged(&config.data)?;
+        let left_out = LeftOut::of(&assets, &config.data, &train_assets)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::of(&config.data, 1));
-        Ok(Self { assets: Arc::new(assets), cache, train_assets, validation_assets, net, params, device, config })
+        let assets = Arc::new(assets);
+        Ok(Self { assets, cache, train_assets, validation_assets, left_out, net, params, device, config })
     }
 
     /// The network of a config, with its starting weights.
@@ -140,6 +144,10 @@ impl Task for FsqCvaeTask {
 impl Experiment for FsqCvaeTask {
     fn assets(&self) -> &Assets {
         &self.assets
+    }
+
+    fn notes(&self) -> Vec<String> {
+        self.left_out.notes(&self.config.data)
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

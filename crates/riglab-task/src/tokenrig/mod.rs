@@ -98,7 +98,7 @@ impl TokenRigTask {
     /// As [`Self::new`].
     pub(crate) fn on_meshes(config: TokenRigTaskConfig, vae: Arc<Frozen>, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
-        let left_out = LeftOut::default();
+        let left_out = LeftOut::of(&assets, &config.data, &train_assets)?;
         // Samples are kept where there are few of each rig.
         let kinds = if config.sampling.variants == 0 { 1 } else { 2 };
         let (cache, samples) = (Arc::new(Cache::of(&config.data, kinds)), Arc::new(Cache::of(&config.data, kinds)));
@@ -181,8 +181,7 @@ impl Experiment for TokenRigTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        let c = &self.rigger.config;
-        self.left_out.notes(&c.data, c.limits)
+        self.left_out.notes(&self.rigger.config.data)
     }
 
     fn untrainable(&self) -> Option<String> {

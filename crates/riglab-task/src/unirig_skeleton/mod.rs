@@ -68,7 +68,7 @@ impl SkeletonTask {
     /// As [`Self::new`].
     pub(crate) fn on_meshes(config: SkeletonTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
-        let left_out = LeftOut::default();
+        let left_out = LeftOut::of(&assets, &config.data, &train_assets)?;
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         let cache = Arc::new(Cache::of(&config.data, 1));
@@ -178,11 +178,11 @@ impl Experiment for SkeletonTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        self.left_out.notes(&self.config.data, self.config.limits)
+        self.left_out.notes(&self.config.data)
     }
 
     fn untrainable(&self) -> Option<String> {
-        self.left_out.untrainable(self.config.limits)
+        self.left_out.untrainable()
     }
 
     fn examination_steps(&self) -> Result<usize, String> {

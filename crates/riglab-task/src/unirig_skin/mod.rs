@@ -37,6 +37,7 @@ pub use skinner::{Holders, Skinner};
 
 use crate::assets::{AssetId, Assets, Cache};
 use crate::experiment::{Examined, Experiment, beside};
+use crate::sequences::LeftOut;
 use crate::settings::TaskSettings;
 
 /// The task, with its network and data.
@@ -48,6 +49,7 @@ pub struct SkinTask {
     validated: Cache<evaluate::Subject>,
     train_assets: Vec<(f32, Vec<AssetId>)>,
     validation_assets: Vec<AssetId>,
+    left_out: LeftOut,
     net: SkinModel,
     params: Params,
     device: Device,
@@ -61,6 +63,7 @@ impl SkinTask {
     pub fn new(config: SkinTaskConfig, device: Device) -> Result<Self, String> {
         let (assets, train_assets, validation_assets) = Assets::of(&config.data)?;
         assets.rigged(&config.data)?;
+        let left_out = LeftOut::of(&assets, &config.data, &train_assets)?;
         let (net, params) = Self::network(&config, device).map_err(|e| e.to_string())?;
         Ok(Self {
             assets: Arc::new(assets),
@@ -68,6 +71,7 @@ impl SkinTask {
             validated: Cache::of(&config.data, 2),
             train_assets,
             validation_assets,
+            left_out,
             net,
             params,
             device,
@@ -158,14 +162,15 @@ impl Experiment for SkinTask {
     fn notes(&self) -> Vec<String> {
         let wanted = self.config.model.attributes && self.config.loss.attributes > 0.0;
         let ids = self.train_assets.iter().flat_map(|(_, ids)| ids).copied();
+        let mut notes = self.left_out.notes(&self.config.data);
         // Where the column cannot be read, the first batch says so.
-        match wanted && !self.assets.any_springs(ids).unwrap_or(true) {
-            true => vec![
+        if wanted && !self.assets.any_springs(ids).unwrap_or(true) {
+            notes.push(
                 "no training asset has spring bones: attributes are not learned (model.attributes = false leaves them out)"
                     .into(),
-            ],
-            false => Vec::new(),
+            );
         }
+        notes
     }
 
     fn examination_steps(&self) -> Result<usize, String> {
