@@ -3,10 +3,12 @@
 use std::collections::HashSet;
 use std::path::Path;
 
+use riglab_token::Limits;
 use riglab_train::named_by;
 
 use crate::assets::{AssetId, Assets, DataConfig};
-use crate::settings::Settings;
+use crate::sequences::may_fit;
+use crate::settings::{Settings, TaskSettings};
 
 /// Assets that are evaluated and trained on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,14 +19,42 @@ pub struct SeenAssets {
     pub splits: Vec<String>,
 }
 
+/// What says which assets a training takes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Training {
+    /// Its corpora and splits.
+    pub data: DataConfig,
+    /// What their sequences have to fit, in tasks that train on sequences.
+    pub limits: Option<Limits>,
+}
+
+impl Training {
+    /// That of a task.
+    pub fn of(settings: &impl TaskSettings) -> Self {
+        Self { data: settings.data().clone(), limits: settings.limits() }
+    }
+
+    /// That of the settings of some task; `None` where they cannot be understood.
+    fn of_table(settings: &toml::Table) -> Option<Self> {
+        let own = |key: &str| settings.get(key).cloned();
+        Some(Self { data: own("data")?.try_into().ok()?, limits: own("limits").and_then(|own| own.try_into().ok()) })
+    }
+
+    fn assets(&self) -> Result<(Assets, Vec<AssetId>), String> {
+        let assets = Assets::open(&self.data.corpora).map_err(|e| e.to_string())?;
+        let all = assets.training(&self.data)?.into_iter().flat_map(|(_, ids)| ids);
+        let ids = all.filter(|&id| self.limits.is_none_or(|limits| may_fit(&assets, limits, id))).collect();
+        Ok((assets, ids))
+    }
+}
+
 /// The assets in splits of `data`'s corpora that training by `trained` takes too, whatever corpora these are of:
 /// read from the same file, or the same in every number.
 ///
 /// # Errors
 /// A sentence: a corpus that cannot be read, or as [`Assets::training`].
-pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Result<SeenAssets, String> {
-    let assets = Assets::open(&trained.corpora).map_err(|e| e.to_string())?;
-    let ids: Vec<AssetId> = assets.training(trained)?.into_iter().flat_map(|(_, ids)| ids).collect();
+pub fn seen(data: &DataConfig, splits: &[String], trained: &Training) -> Result<SeenAssets, String> {
+    let (assets, ids) = trained.assets()?;
     let marks = assets.marks(&ids).map_err(|e| e.to_string())?;
     let known: HashSet<String> = marks.into_iter().flat_map(|(_, marks)| marks).collect();
     let assets = Assets::open(&data.corpora).map_err(|e| e.to_string())?;
@@ -45,7 +75,7 @@ pub fn seen(data: &DataConfig, splits: &[String], trained: &DataConfig) -> Resul
 /// The trainings of models that a model builds on, each with the key of its settings (a TOML text) that names the run: the
 /// model that rewards refine, the auto-encoder of skin tokens, the weights to begin with, and what these build on in turn. Of
 /// models in files, and of those that come with riglab, no corpora are known.
-pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
+pub fn built_on(settings: &str) -> Vec<(&'static str, Training)> {
     let (mut found, mut known) = (Vec::new(), HashSet::new());
     let own = settings.parse().map(toml::Value::Table);
     let mut open: Vec<(Option<&'static str>, toml::Value)> = own.into_iter().map(|own| (None, own)).collect();
@@ -57,8 +87,7 @@ pub fn built_on(settings: &str) -> Vec<(&'static str, DataConfig)> {
                 continue;
             }
             let (first, of) = (first.unwrap_or(key), settings.table());
-            let data = of.get("data").and_then(|data| data.clone().try_into().ok());
-            found.extend(data.map(|data| (first, data)));
+            found.extend(Training::of_table(&of).map(|trained| (first, trained)));
             open.push((Some(first), toml::Value::Table(of)));
         }
     }
@@ -131,6 +160,10 @@ mod tests {
         let looked_at = corpus(dir.path().join("looked_at.h5"), &others);
         let (trained, looked_at) = (data(&[&trained]), data(&[&looked_at]));
         let splits = &looked_at.test;
+        let within = |limits, trained: &DataConfig| Training { data: trained.clone(), limits };
+        let seen = |data: &DataConfig, splits: &[String], trained: &DataConfig| {
+            super::seen(data, splits, &within(None, trained))
+        };
         let found = seen(&looked_at, splits, &trained).unwrap();
         assert_eq!(found.names, ["same file", "same numbers"]);
         let new = ["test_new".to_owned()];
@@ -147,7 +180,14 @@ mod tests {
         // What has no weight, or too many joints, is not trained on.
         let weights = DataConfig { weights: vec![0.0, 1.0], ..both.clone() };
         assert_eq!(seen(&looked_at, splits, &weights).unwrap(), SeenAssets::default());
-        assert_eq!(seen(&looked_at, splits, &DataConfig { max_joints: 0, ..trained }).unwrap(), SeenAssets::default());
+        let without = DataConfig { max_joints: 0, ..trained.clone() };
+        assert_eq!(seen(&looked_at, splits, &without).unwrap(), SeenAssets::default());
+        // Nor is what has no sequence that fits: one joint takes six tokens.
+        let of = |joints, tokens| {
+            let limits = Some(Limits { joints, tokens });
+            super::seen(&looked_at, splits, &within(limits, &trained)).unwrap().names.len()
+        };
+        assert_eq!([of(1, 6), of(0, 6), of(1, 5)], [2, 0, 0]);
         assert!(seen(&looked_at, splits, &data(&[&dir.path().join("gone.h5")])).is_err());
     }
 
@@ -161,13 +201,15 @@ mod tests {
             run.display().to_string()
         };
         let vae = run("vae", "[data]\ncorpora = ['v.h5']\n");
-        let rigs = run("rigs", &format!("[data]\ncorpora = ['r.h5']\n[skin]\nrun = '{vae}'\n"));
+        let rigs = run("rigs", &format!("[data]\ncorpora = ['r.h5']\n[limits]\njoints = 64\n[skin]\nrun = '{vae}'\n"));
         let own = format!("[start]\nmodel = '{rigs}/checkpoints/last'\n[skin]\nrun = 'shipped'\n");
         let of = |settings: &str| -> Vec<(&str, String)> {
             let all = built_on(settings).into_iter();
-            all.map(|(key, data)| (key, data.corpora[0].display().to_string())).collect()
+            all.map(|(key, trained)| (key, trained.data.corpora[0].display().to_string())).collect()
         };
         assert_eq!(of(&own), [("start.model", "r.h5".to_owned()), ("start.model", "v.h5".to_owned())]);
+        let limits = built_on(&own).iter().map(|(_, trained)| trained.limits.map(|own| own.joints)).collect::<Vec<_>>();
+        assert_eq!(limits, [Some(64), None]);
         assert_eq!(of(&format!("[train.start]\nfrom = '{vae}'\n")), [("train.start.from", "v.h5".to_owned())]);
         // One that begins with itself comes to an end.
         let turns = dir.path().join("turns").display().to_string();

@@ -4,6 +4,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use riglab_config::{Config, Loader};
+use riglab_token::Limits;
 use riglab_train::{Precision, RunInfo, TrainConfig};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -33,6 +34,11 @@ pub trait TaskSettings: DeserializeOwned + Serialize {
     /// What may be left to a machine: precisions, where they are `auto`.
     fn precisions(&mut self) -> Vec<&mut Precision> {
         vec![&mut self.train_mut().precision]
+    }
+
+    /// The longest sequences that it trains on, where it trains on sequences of rigs.
+    fn limits(&self) -> Option<Limits> {
+        None
     }
 
     /// Finds what the folder of a run holds beside its config.

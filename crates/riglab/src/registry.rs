@@ -7,7 +7,7 @@ use riglab_config::Config;
 use riglab_report::{Block, Findings};
 use riglab_task::Experiment;
 use riglab_task::assets::DataConfig;
-use riglab_task::seen::{SeenAssets, warning};
+use riglab_task::seen::{SeenAssets, Training, warning};
 use riglab_task::settings::TaskSettings;
 use riglab_task::{fsq_cvae, grpo, tokenrig, unirig_skeleton, unirig_skin};
 use riglab_train::{Precision, TrainConfig};
@@ -86,6 +86,7 @@ type Shown = (Vec<Block>, Vec<Findings>);
 trait Settings {
     fn train(&self) -> &TrainConfig;
     fn data(&self) -> &DataConfig;
+    fn training(&self) -> Training;
     fn precisions(&mut self) -> Vec<&mut Precision>;
     fn in_run(&mut self, run: &Path);
     fn chooses_a_cut(&self) -> bool;
@@ -99,6 +100,10 @@ impl<T: TaskSettings> Settings for T {
 
     fn data(&self) -> &DataConfig {
         TaskSettings::data(self)
+    }
+
+    fn training(&self) -> Training {
+        Training::of(self)
     }
 
     fn precisions(&mut self) -> Vec<&mut Precision> {
@@ -166,6 +171,11 @@ impl TaskConfig {
     /// The corpora it reads.
     pub fn data(&self) -> &DataConfig {
         self.settings().data()
+    }
+
+    /// Which assets it trains on.
+    pub fn training(&self) -> Training {
+        self.settings().training()
     }
 
     /// Whether an evaluation chooses the cut of a decode rule among several.

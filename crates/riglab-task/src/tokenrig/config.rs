@@ -315,6 +315,10 @@ impl TaskSettings for TokenRigTaskConfig {
 
     own_settings!();
 
+    fn limits(&self) -> Option<Limits> {
+        Some(self.limits)
+    }
+
     fn in_run(&mut self, run: &Path) {
         Rigger::own_auto_encoder(run, self);
     }

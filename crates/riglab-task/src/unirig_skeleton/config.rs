@@ -200,6 +200,10 @@ impl TaskSettings for SkeletonTaskConfig {
     const TASK: &'static str = "unirig_skeleton";
 
     own_settings!();
+
+    fn limits(&self) -> Option<Limits> {
+        Some(self.limits)
+    }
 }
 
 #[cfg(test)]

@@ -122,8 +122,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
 /// is now; tells of them.
 fn trained_on(config: &TaskConfig, own: &TaskConfig) -> Result<Vec<String>> {
     let (data, mut all, mut known) = (config.data(), Vec::new(), HashSet::new());
-    let trainings = std::iter::once((None, own.data().clone()));
-    let before = built_on(&config.to_toml()?).into_iter().map(|(key, data)| (Some(key), data));
+    let trainings = std::iter::once((None, own.training()));
+    let before = built_on(&config.to_toml()?).into_iter().map(|(key, trained)| (Some(key), trained));
     for (by, trained) in trainings.chain(before) {
         match seen(data, &data.test, &trained) {
             Ok(seen) => {

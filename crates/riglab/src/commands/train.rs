@@ -241,7 +241,7 @@ fn trainable<T: Experiment>(task: &T, config: &TaskConfig) -> Result<()> {
 fn overlap(config: &TaskConfig) -> Result<Vec<String>> {
     let data = config.data();
     let splits: Vec<String> = std::iter::once(&data.validate).chain(&data.test).cloned().collect();
-    let own = warning(&seen(data, &splits, data).map_err(|e| anyhow!(e))?, None);
+    let own = warning(&seen(data, &splits, &config.training()).map_err(|e| anyhow!(e))?, None);
     // Corpora of earlier trainings may be gone, or moved.
     let before = built_on(&config.to_toml()?).into_iter();
     let before = before.filter_map(|(key, trained)| warning(&seen(data, &splits, &trained).ok()?, Some(key)));
