@@ -45,6 +45,15 @@ pub enum Up {
     Z,
 }
 
+impl std::fmt::Display for Up {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Y => "y",
+            Self::Z => "z",
+        })
+    }
+}
+
 impl Up {
     /// Its number: 1 for y, 2 for z.
     pub fn axis(self) -> usize {

@@ -10,7 +10,7 @@ use riglab_token::{Parents, TokenizerConfig};
 use riglab_train::{Precision, TrainConfig};
 use serde::{Deserialize, Serialize};
 
-use crate::assets::DataConfig;
+use crate::assets::{DataConfig, Up};
 use crate::sequences::drawable;
 use crate::settings::{TaskSettings, own_settings};
 use crate::tokenrig::EvalConfig;
@@ -290,22 +290,40 @@ pub(super) fn unread(eval: &EvalConfig) -> Option<String> {
 }
 
 /// Sentences on settings that were changed and have no effect beside others; `weighs`: whether the model that is refined
-/// says weights, not skeletons alone.
-pub(super) fn idle(config: &GrpoTaskConfig, weighs: bool) -> Vec<String> {
+/// says weights, not skeletons alone; `up`: the axis that points up for it.
+pub(super) fn idle(config: &GrpoTaskConfig, weighs: bool, up: Up) -> Vec<String> {
     let (own, default) = (&config.objective, ObjectiveConfig::default());
     let (used, asked) = (config.rollout.vertices, config.eval.vertices);
     let clips =
         [("objective.clip", own.clip != default.clip), ("objective.clip_high", own.clip_high != default.clip_high)];
     let mut notes = Vec::new();
+    if config.data.up != Up::default() && config.data.up != up {
+        notes.push(format!("data.up has no effect: the model that is refined was trained with data.up = \"{up}\""));
+    }
+    let (augment, bare) = (&config.augment, !config.augment.reads_skeletons());
+    let of_joints = [
+        ("joint_noise", augment.joint_noise.probability > 0.0),
+        ("discretise", augment.discretise.probability > 0.0),
+        // Steps that go by joints go by those that these leave.
+        ("trim", bare && augment.trim.enabled),
+        ("reconnect", bare && augment.reconnect.probability > 0.0),
+    ];
+    for (key, _) in of_joints.iter().filter(|(_, set)| *set) {
+        notes.push(format!("augment.{key} has no effect: it changes joints alone, and GRPO looks at meshes"));
+    }
     let (cube, plain) = (&config.augment.cube, CubeConfig::default());
     let of_cube = [
         ("scale_probability", cube.scale_probability != plain.scale_probability),
         ("shift_probability", cube.shift_probability != plain.shift_probability),
         ("into", cube.into != plain.into),
     ];
-    for (key, _) in of_cube.iter().filter(|(_, set)| *set) {
+    let of_sizes = of_cube.into_iter().map(|(key, set)| (format!("cube.{key}"), set));
+    // Without the cube, noise on vertices is the smaller the larger a mesh became.
+    let undone = cube.enabled || augment.jitter.probability == 0.0;
+    let uniform = augment.scale.uniform && augment.scale.probability > 0.0 && undone;
+    for (key, _) in of_sizes.chain([("scale.uniform".into(), uniform)]).filter(|(_, set)| *set) {
         notes.push(format!(
-            "augment.cube.{key} has no effect: each mesh is set into the cube by its own box, as `riglab rig` does"
+            "augment.{key} has no effect: each mesh is set into the cube by its own box, as `riglab rig` does"
         ));
     }
     for (key, _) in clips.iter().filter(|(_, set)| *set && config.rollout.updates() == 1) {
@@ -358,7 +376,10 @@ mod tests {
         let of = |change: fn(&mut GrpoTaskConfig)| {
             let mut c = GrpoTaskConfig::default();
             change(&mut c);
-            idle(&c, true).iter().map(|note| note.split(' ').next().unwrap_or_default().to_owned()).collect::<Vec<_>>()
+            idle(&c, true, Up::Y)
+                .iter()
+                .map(|note| note.split(' ').next().unwrap_or_default().to_owned())
+                .collect::<Vec<_>>()
         };
         assert!(of(|_| ()).is_empty());
         let clips = |c: &mut GrpoTaskConfig| (c.objective.clip, c.objective.clip_high) = (0.1, 0.3);
@@ -368,13 +389,40 @@ mod tests {
         let cube = ["scale_probability", "shift_probability"].map(|key| format!("augment.cube.{key}"));
         assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), cube);
         assert_eq!(of(|c| c.augment.cube.into = [0.0, 1.0]), ["augment.cube.into"]);
+        assert_eq!(of(|c| c.data.up = Up::Z), ["data.up"]);
+        let joints = ["joint_noise", "discretise", "trim", "reconnect"].map(|key| format!("augment.{key}"));
+        fn of_joints(c: &mut GrpoTaskConfig) {
+            let Recipe { joint_noise, discretise, trim, reconnect, .. } = &mut c.augment;
+            (joint_noise.probability, discretise.probability) = (1.0, 1.0);
+            (trim.enabled, reconnect.probability) = (true, 1.0);
+        }
+        assert_eq!(of(of_joints), joints);
+        // Poses are of the joints that there are.
+        let posed = |c: &mut GrpoTaskConfig| {
+            of_joints(c);
+            c.augment.pose.probability = 1.0;
+        };
+        assert_eq!(of(posed), joints[..2]);
+        fn uniform(c: &mut GrpoTaskConfig) {
+            (c.augment.scale.probability, c.augment.scale.uniform) = (1.0, true);
+        }
+        assert_eq!(of(uniform), ["augment.scale.uniform"]);
+        let noisy = |c: &mut GrpoTaskConfig| {
+            uniform(c);
+            (c.augment.cube.enabled, c.augment.jitter.probability) = (false, 1.0);
+        };
+        assert!(of(noisy).is_empty());
+        assert!(of(|c| c.augment.scale.probability = 1.0).is_empty());
         assert!(of(|c| (c.objective.length, c.objective.norm) = (100.0, Norm::Constant)).is_empty());
         assert_eq!(of(|c| c.eval.vertices = 2048), ["eval.vertices"]);
         assert!(of(|c| c.eval.vertices = 64).is_empty());
         let mut skeletons = GrpoTaskConfig::default();
-        assert!(idle(&skeletons, false).is_empty());
+        skeletons.data.up = Up::Z;
+        assert!(idle(&skeletons, false, Up::Z).is_empty(), "it is as the model has it");
+        skeletons.data.up = Up::Y;
+        assert!(idle(&skeletons, false, Up::Z).is_empty());
         (skeletons.rollout.vertices, skeletons.eval.vertices, skeletons.eval.cut) = (7, 2048, 0.5);
-        let said = idle(&skeletons, false);
+        let said = idle(&skeletons, false, Up::Y);
         let keys = ["rollout.vertices has no effect", "eval.vertices has no effect", "eval.cut has no effect"];
         assert!(said.len() == 3 && said.iter().zip(keys).all(|(said, key)| said.starts_with(key)), "{said:?}");
     }

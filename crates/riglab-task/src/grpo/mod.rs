@@ -371,10 +371,9 @@ impl Experiment for GrpoTask {
     }
 
     fn notes(&self) -> Vec<String> {
-        let own = config::unread(&self.config.eval)
-            .into_iter()
-            .chain(config::idle(&self.config, self.policy.vae().is_some()));
-        self.policy.notes().into_iter().chain(own).collect()
+        let (c, policy) = (&self.config, &self.policy);
+        let idle = config::idle(c, policy.vae().is_some(), policy.up());
+        policy.notes().into_iter().chain(config::unread(&c.eval)).chain(idle).collect()
     }
 
     fn companions(&self) -> Vec<(String, String)> {
