@@ -295,6 +295,11 @@ impl TokenRigTaskConfig {
         if !(0.0 <= from && from <= to && to <= 1.0) {
             return bad("loss.skin_warmup", "give two shares of the steps, the first not above the second".into());
         }
+        if from == 1.0 {
+            let why = "from 1 on, the end of the run, codes would never be trained: give a first share below 1; loss.skin = 0 \
+                       trains skeletons alone";
+            return bad("loss.skin_warmup", why.into());
+        }
         let longest = self.longest() + self.model.shape.tokens;
         if longest > self.model.decoder.positions {
             let positions = self.model.decoder.positions;
@@ -349,5 +354,14 @@ mod tests {
         near(loss.skin_weight(0.4), 0.5);
         near(loss.skin_weight(0.6), 1.0);
         near(LossConfig::default().skin_weight(0.0), 1.0);
+        let of = |skin_warmup| {
+            let mut c = TokenRigTaskConfig::default();
+            (c.model.decoder.positions, c.loss.skin_warmup) = (1 << 16, skin_warmup);
+            c.validate().map_err(|(key, _)| key)
+        };
+        assert_eq!([of([0.0, 1.0]), of([0.5, 0.5])], [Ok(()), Ok(())]);
+        for never in [[1.0, 1.0], [0.6, 0.5], [f64::NAN, 1.0]] {
+            assert_eq!(of(never), Err("loss.skin_warmup".into()), "{never:?}");
+        }
     }
 }
