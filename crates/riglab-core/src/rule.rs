@@ -19,8 +19,8 @@ impl Default for DecodeRule {
 }
 
 impl DecodeRule {
-    /// Applies the rule to one vertex in place. A row left empty keeps its largest share, a row
-    /// without any is left alone.
+    /// Applies the rule to one vertex in place. A row left empty keeps its largest share, one
+    /// without any, or with what is no finite share, becomes 0.
     pub fn apply(&self, row: &mut [f32]) {
         let Some(largest) = (0..row.len()).rev().max_by(|&a, &b| row[a].total_cmp(&row[b])) else { return };
         if row[largest] <= 0.0 || !row[largest].is_finite() {

@@ -1,6 +1,6 @@
 //! Pictures of what an evaluation saw: true and predicted weights of single assets.
 
-use riglab_core::{JointId, SkinWeights};
+use riglab_core::{Segment, SkinWeights, Vec3};
 use riglab_nn::params::Weights;
 use riglab_render::{
     Palette, Picture, Theme, View, contact_sheet, joint_weights, misplaced_weight, render_errors, render_parts,
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FsqCvaeTask;
 use super::evaluate::{Encoded, Report, Truth, ruled};
-use super::prepare::Prepared;
+use super::prepare::{Bone, Prepared};
 use crate::assets::AssetId;
 use crate::experiment::{Sheet, places, sheet_file};
 
@@ -143,13 +143,22 @@ pub(crate) fn finite(dense: &[f32]) -> Result<(), String> {
     }
 }
 
-/// Dense shares, a column a bone, as weights of the rig's joints.
+/// Dense shares of all vertices, a column a bone, as weights of the rig's joints. A vertex without any is given to the bone
+/// that it is nearest to, as where rigs are made.
 pub(crate) fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, String> {
     finite(dense)?;
-    let joints: Vec<JointId> = rig.bones.iter().map(|b| b.joint).collect();
-    let rows = dense
-        .chunks_exact(joints.len())
-        .map(|row| row.iter().zip(&joints).filter(|(w, _)| **w > 0.0).map(|(&w, j)| (j.index() as u16, f64::from(w))));
+    let nearest = |p: Vec3| {
+        let far = |bone: &Bone| Segment::nearest_of(&bone.segments, p).1;
+        rig.bones.iter().min_by(|a, b| far(a).total_cmp(&far(b))).map(|bone| (bone.joint.0, 1.0))
+    };
+    let rows = dense.chunks_exact(rig.bones.len()).zip(rig.rig.mesh().positions()).map(|(row, &p)| {
+        let held = row.iter().zip(&rig.bones).filter(|(w, _)| **w > 0.0);
+        let mut own: Vec<(u16, f64)> = held.map(|(&w, bone)| (bone.joint.0, f64::from(w))).collect();
+        if own.is_empty() {
+            own.extend(nearest(p));
+        }
+        own
+    });
     SkinWeights::normalized(rows).map_err(|e| {
         format!(
             "{}: what the network gives are no weights ({e}): its training diverged, or has hardly begun; lower \
@@ -161,7 +170,27 @@ pub(crate) fn sparse(rig: &Prepared, dense: &[f32]) -> Result<SkinWeights, Strin
 
 #[cfg(test)]
 mod tests {
+    use riglab_core::{Joint, JointId, Mesh, Rig, Skeleton};
+
     use super::*;
+
+    #[test]
+    fn a_vertex_that_no_bone_claims_is_given_to_the_nearest() {
+        let joint = |k: u16| Joint {
+            name: format!("{k}"),
+            parent: k.checked_sub(1).map(JointId),
+            head: [f32::from(k), 0.0, 0.0],
+        };
+        // The last joint holds nothing: it is no bone, but ends one.
+        let corners = vec![[0.0, 0.1, 0.0], [1.5, 0.1, 0.0], [0.9, 0.2, 0.0]];
+        let weights = SkinWeights::normalized([0, 1, 1].map(|j| [(j, 1.0)])).unwrap();
+        let skeleton = Skeleton::new((0..3).map(joint).collect()).unwrap();
+        let rig = Rig::new(skeleton, Mesh::new(corners, vec![[0, 1, 2]]).unwrap(), weights).unwrap();
+        let prepared = Prepared::of("a".into(), rig, false);
+        let found = sparse(&prepared, &[0.25, 0.75, 0.0, 0.0, 1.0, 0.0]).unwrap();
+        let row = |v| found.row(v).map(|(j, w)| (j.0, w)).collect::<Vec<_>>();
+        assert_eq!([row(0), row(1), row(2)], [vec![(0, 0.25), (1, 0.75)], vec![(1, 1.0)], vec![(0, 1.0)]]);
+    }
 
     #[test]
     fn the_worst_bone_is_found() {
