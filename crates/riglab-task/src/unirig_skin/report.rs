@@ -171,7 +171,7 @@ impl Evaluation {
         let clips = self.report.assets.iter().any(|a| a.clips.is_finite());
         let shown = |text: String| if clips { format!("{text:>8}") } else { String::new() };
         let mut text = format!(
-            "{:12} {:>8} {:>7} {:>7} {:>9}{} {:>8} {:>6}  name\n",
+            "{:12} {:>8} {:>7} {:>7} {:>13}{} {:>8} {:>6}  name\n",
             "split",
             "L1",
             "IoU",
@@ -184,7 +184,7 @@ impl Evaluation {
         for a in &self.report.assets {
             let known = |of: f64| if of.is_finite() { format!("{of:.5}") } else { "–".into() };
             text += &format!(
-                "{:12} {:>8.5} {:>7.4} {:>7.5} {:>9}{} {:>8} {:>6}  {}\n",
+                "{:12} {:>8.5} {:>7.4} {:>7.5} {:>13}{} {:>8} {:>6}  {}\n",
                 a.split,
                 a.l1,
                 a.iou,
@@ -331,6 +331,43 @@ fn attributes(report: &Report) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn figures_of_single_assets_stand_below_their_heads() {
+        let row = |clips| AssetRow {
+            split: "test_new".into(),
+            name: "name".into(),
+            category: String::new(),
+            vertices: 1_234,
+            bones: 20,
+            iou: 0.5,
+            l1: 0.01,
+            motion: 0.02,
+            rule_motion: 0.03,
+            clips,
+        };
+        let state = State { task: String::new(), step: 0, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
+        for clips in [f64::NAN, 0.04] {
+            let report = Report {
+                convention: String::new(),
+                spread: 0.0,
+                cut: 0.1,
+                rows: Vec::new(),
+                attributes: Vec::new(),
+                assets: vec![row(clips)],
+            };
+            let text = Evaluation { checkpoint: state.clone(), report, gallery: Vec::new() }.assets();
+            let ends = |line: &str| -> Vec<usize> {
+                // Of each column the place of its last letter; `best baseline` is one.
+                let line = line.replace("best baseline", "best_baseline");
+                let last = |(k, c): (usize, char)| c != ' ' && line[k + 1..].starts_with([' ', '\n']);
+                line.char_indices().filter(|&at| last(at)).map(|(k, _)| k).collect()
+            };
+            let mut lines = text.split_inclusive('\n').map(ends);
+            // The first column stands to the left.
+            assert_eq!(lines.next().unwrap()[1..], lines.next().unwrap()[1..], "{text}");
+        }
+    }
 
     #[test]
     fn bones_that_swing_are_counted_in_words() {
