@@ -243,6 +243,20 @@ fn codes_that_are_no_tokens_are_refused_by_what_writes_tokens() {
 }
 
 #[test]
+fn an_auto_encoder_of_another_axis_is_refused_before_anything_is_trained() {
+    let dir = tempfile::tempdir().unwrap();
+    let skin = format!("skin.run='{}'", text(&ready().join("run")));
+    let corpora = format!("data.corpora=['{}']", text(&ready().join("corpus.h5")));
+    let train = ["train", "quickstart/tokenrig.toml", "--set", &skin, "--set", &corpora, "--set", "data.up=z"];
+    for more in [vec!["--dry-run"], vec!["--run", text(&dir.path().join("tokenrig"))]] {
+        let said = refusal(&mut riglab(&[&train[..], &more].concat()));
+        let told = ["data.up = \"z\"", "with data.up = \"y\"", "skin.run", "--set data.up=y"];
+        assert!(told.iter().all(|part| said.contains(part)), "{said}");
+    }
+    assert!(!dir.path().join("tokenrig").exists());
+}
+
+#[test]
 fn a_full_disk_ends_the_run_and_leaves_its_last_checkpoint() {
     let dir = tempfile::tempdir().unwrap();
     copy(&ready().join("run"), &dir.path().join("run"));

@@ -718,4 +718,17 @@ fn tokenrig_is_trained_evaluated_and_exported() {
         let said = refusal(&mut riglab(&[&["checkpoint", "export", text(&copy)], &more[..]].concat()));
         assert!(said.contains(wanted), "{said}");
     }
+
+    // As once could be trained: the auto-encoder has another axis up. That is told, and the run is used all the same.
+    let settings = auto.join("config.toml");
+    let lying = fs::read_to_string(&settings).unwrap().replace("up = \"y\"", "up = \"z\"");
+    fs::write(&settings, lying).unwrap();
+    for command in [
+        vec!["rig", text(bare), "-o", text(&wrong), "--checkpoint", text(&run)],
+        vec!["eval", text(&run), "--pictures", "0", "--set", "eval.consensus=1"],
+        vec!["train", "--resume", text(&run), "--set", "train.steps=61"],
+    ] {
+        let told = String::from_utf8(must(&command).stderr).unwrap();
+        assert!(told.contains("warning: ") && told.contains("was trained with data.up = \"z\""), "{command:?}: {told}");
+    }
 }

@@ -23,6 +23,16 @@ pub trait Experiment: Task {
         None
     }
 
+    /// Why no training should begin with it, though one that was begun may go on.
+    fn unfit(&self) -> Option<String> {
+        None
+    }
+
+    /// Sentences for who goes on with a training, or evaluates what came of it, though none would begin so now.
+    fn warnings(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Networks that it computes with beside the trained one: the key that names each, and a checksum of its weights.
     fn companions(&self) -> Vec<(String, String)> {
         Vec::new()

@@ -376,6 +376,11 @@ impl Experiment for GrpoTask {
         policy.notes().into_iter().chain(config::unread(&c.eval)).chain(idle).collect()
     }
 
+    fn warnings(&self) -> Vec<String> {
+        let told = |fault| format!("start.model: {fault}");
+        self.policy.rigger().and_then(Rigger::mismatch).map(told).into_iter().collect()
+    }
+
     fn companions(&self) -> Vec<(String, String)> {
         started(self.params(), &self.start)
     }

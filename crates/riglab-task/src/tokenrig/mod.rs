@@ -185,7 +185,16 @@ impl Experiment for TokenRigTask {
     }
 
     fn untrainable(&self) -> Option<String> {
-        self.left_out.untrainable(self.rigger.config.limits)
+        self.left_out.untrainable()
+    }
+
+    fn unfit(&self) -> Option<String> {
+        let (fault, up) = (self.rigger.mismatch()?, self.rigger.vae.config().data.up);
+        Some(format!("{fault}; give skin.run an auto-encoder of the same axis, or train with --set data.up={up}"))
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        self.rigger.mismatch().into_iter().collect()
     }
 
     fn companions(&self) -> Vec<(String, String)> {
@@ -297,6 +306,7 @@ mod tests {
 
     use super::testing::{tetrahedron, untrained};
     use super::*;
+    use crate::assets::Up;
     use crate::unirig_skeleton::batch::shape;
 
     /// Two joints that hold vertices and one that holds none.
@@ -367,6 +377,27 @@ mod tests {
         for other in parts {
             assert!((&same - &other).abs().max().double_value(&[]) > 5e-3, "{same} {other}");
         }
+    }
+
+    #[test]
+    fn no_training_begins_with_an_auto_encoder_of_another_axis() {
+        let dir = tempfile::tempdir().unwrap();
+        testing::corpus_of_one(dir.path());
+        let rigger = untrained(Head::Levels, true);
+        let of = |up| {
+            let mut config = rigger.config.clone();
+            config.data.corpora = vec![dir.path().join("one.h5")];
+            config.data.up = up;
+            TokenRigTask::with(config, rigger.shared_vae(), Device::Cpu).unwrap()
+        };
+        let same = of(Up::Y);
+        assert_eq!((same.unfit(), same.warnings()), (None, Vec::new()));
+        // One that was begun so is told, and used as it is.
+        let other = of(Up::Z);
+        let (said, told) = (other.unfit().unwrap(), other.warnings());
+        assert!(said.contains("data.up = \"z\"") && said.contains("with data.up = \"y\""), "{said}");
+        assert!(said.contains("skin.run") && said.ends_with("--set data.up=y"), "{said}");
+        assert!(told.len() == 1 && said.starts_with(&told[0]), "{told:?}");
     }
 
     #[test]

@@ -16,6 +16,7 @@ use super::condition::Condition;
 use super::config::TokenRigTaskConfig;
 use super::shipped::{self, WITH_PRIOR};
 use super::told::Teller;
+use crate::assets::Up;
 use crate::experiment::checksum;
 use crate::fsq_cvae::Frozen;
 use crate::unirig_skeleton::Batch as Shapes;
@@ -24,6 +25,23 @@ use crate::unirig_skeleton::shape_tensors;
 
 /// What `skin.run` is in a run's folder that holds its auto-encoder, and that one's folder below it.
 pub const AUTO_ENCODER: &str = "auto_encoder";
+
+/// What is said where none is named: where to get one that has the same axis up.
+fn no_auto_encoder(up: Up) -> String {
+    const NONE: &str = "skin.run names no auto-encoder";
+    const TRAINED: &str = "trains one, then give its folder: --set skin.run=runs/fsq_cvae_with_prior/001";
+    match up {
+        Up::Y => format!(
+            "{NONE}: --set skin.run={WITH_PRIOR} takes one that comes with riglab; `riglab train \
+             skintokens/fsq_cvae_with_prior.toml` {TRAINED}"
+        ),
+        Up::Z => format!(
+            "{NONE}: `riglab checkpoint import --as fsq_cvae CHECKPOINT -o skin.safetensors` reads the published one, then --set \
+             skin.run=skin.safetensors; `riglab train skintokens/fsq_cvae_with_prior.toml --set data.up=z` {TRAINED}; those that \
+             come with riglab are for data.up = \"y\""
+        ),
+    }
+}
 
 /// Network, tokenizer and frozen auto-encoder.
 pub struct Rigger {
@@ -98,12 +116,7 @@ impl Rigger {
     /// As [`Frozen::open`].
     pub fn auto_encoder(config: &TokenRigTaskConfig, device: Device) -> Result<Arc<Frozen>, String> {
         if config.skin.run.as_os_str().is_empty() {
-            return Err(format!(
-                "skin.run names no auto-encoder: --set skin.run={WITH_PRIOR} takes one that comes with riglab; `riglab \
-                 train skintokens/fsq_cvae_with_prior.toml` trains one, then give its folder: --set \
-                 skin.run=runs/fsq_cvae_with_prior/001; `riglab checkpoint import --as fsq_cvae CHECKPOINT -o \
-                 skin.safetensors` reads the published one, then --set skin.run=skin.safetensors"
-            ));
+            return Err(no_auto_encoder(config.data.up));
         }
         let of_word = shipped::auto_encoder(&config.skin.run, device);
         of_word.unwrap_or_else(|| Frozen::open(&config.skin.run, device)).map(Arc::new)
@@ -122,6 +135,18 @@ impl Rigger {
         let tensors = self.vae.tensors();
         let named = tensors.iter().map(|(name, tensor)| (name.as_str(), tensor.shallow_clone()));
         vec![("skin.run".into(), checksum(named))]
+    }
+
+    /// What is wrong where it has another axis up than its auto-encoder, which then sees bodies that lie: its codes say less
+    /// of those. Models were trained so before that was refused.
+    pub fn mismatch(&self) -> Option<String> {
+        let (own, other) = (self.config.data.up, self.vae.config().data.up);
+        (own != other).then(|| {
+            format!(
+                "data.up = \"{own}\", but the auto-encoder of skin.run was trained with data.up = \"{other}\": its codes say less \
+                 of bodies that lie down"
+            )
+        })
     }
 
     /// Its settings.

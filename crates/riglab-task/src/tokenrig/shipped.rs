@@ -48,6 +48,7 @@ mod tests {
 
     use super::super::TokenRigTaskConfig;
     use super::*;
+    use crate::assets::Up;
 
     fn taken(run: impl Into<PathBuf>) -> Result<Arc<Frozen>, String> {
         let mut config = TokenRigTaskConfig::default();
@@ -68,8 +69,21 @@ mod tests {
                 assert!(*a == b && *x == y, "{a}");
             }
         }
-        let said = taken("").err().unwrap();
-        assert!(said.contains("skin.run=shipped_with_prior"), "{said}");
+    }
+
+    #[test]
+    fn who_names_none_is_told_of_those_with_the_same_axis_up() {
+        let of = |up| {
+            let mut config = TokenRigTaskConfig::default();
+            config.data.up = up;
+            Rigger::auto_encoder(&config, Device::Cpu).err().unwrap()
+        };
+        let (y, z) = (of(Up::Y), of(Up::Z));
+        assert!(y.contains("--set skin.run=shipped_with_prior takes") && !y.contains("checkpoint import"), "{y}");
+        assert!(
+            z.contains("--as fsq_cvae CHECKPOINT") && z.contains("--set data.up=z") && !z.contains(WITH_PRIOR),
+            "{z}"
+        );
     }
 
     /// Runs name them by a word and read nothing but their codes, which a word must never change.

@@ -324,6 +324,7 @@ impl Visitor for Examination<'_> {
         {
             tell!("warning: {other}: results on other corpora are not comparable with this run's");
         }
+        task.warnings().iter().for_each(|warning| tell!("warning: {warning}"));
         // Others that were asked for are meant: that they are others is told with the figures.
         let now = task.companions();
         let (named, same): (Vec<_>, Vec<_>) = companions.into_iter().partition(|(key, _)| sets_key(&args.sets, key));

@@ -231,8 +231,9 @@ fn unwarmed(train: &TrainConfig) -> Option<String> {
     })
 }
 
-/// Refuses corpora that a task cannot be trained on.
-fn trainable<T: Experiment>(task: &T, config: &TaskConfig) -> Result<()> {
+/// Refuses corpora that a task cannot be trained on, and, where it `begins`, what no training should begin with.
+fn trainable<T: Experiment>(task: &T, config: &TaskConfig, begins: bool) -> Result<()> {
+    task.unfit().filter(|_| begins).map_or(Ok(()), |why| Err(anyhow!(why)))?;
     task.assets().trainable(config.data()).map_err(|e| anyhow!(e))?;
     task.untrainable().map_or(Ok(()), |why| Err(anyhow!(why)))
 }
@@ -381,7 +382,7 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
-        trainable(&task, config)?;
+        trainable(&task, config, saved.is_none())?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         let from = &config.train().start;
         let start = (saved.is_none() && !from.is_none()).then(|| taken(task.params(), &from.parts));
@@ -483,6 +484,7 @@ impl Visitor for Session<'_> {
         );
         begun.extend(tell_untested(&untested(config.data(), task.assets())?, task.assets())?);
         begun.extend(unwarmed(config.train()));
+        task.warnings().iter().for_each(|warning| tell!("warning: {warning}"));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
         let interrupt = Interrupt::listening_with(ranks);
         let guard = Guard::of_first_step(&run);

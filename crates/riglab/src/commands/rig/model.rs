@@ -61,6 +61,9 @@ impl Model {
 
     fn whole(opened: Result<(Rigger, Card), String>) -> Result<Self> {
         let (rigger, card) = opened.map_err(|e| anyhow!(e))?;
+        if let Some(fault) = rigger.mismatch() {
+            tell!("warning: {}: {fault}", card.name);
+        }
         Ok(Self { made_of: Kind::Whole(Box::new(rigger)), card })
     }
 

@@ -25,11 +25,12 @@ impl Visitor for DryRun<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let train = self.config.train();
-        trainable(&task, self.config)?;
+        trainable(&task, self.config, true)?;
         known_tests(self.config.data(), task.assets())?;
         tell!("{}: {:.2} M parameters; trying a few steps", task.name(), task.params().numel() as f64 / 1e6);
         let mut begun = begin(&task, &train.start)?;
         begun.extend(freeze(&task, train)?);
+        task.warnings().iter().for_each(|warning| tell!("warning: {warning}"));
         begun.iter().chain(&task.notes()).chain(&overlap(self.config)?).for_each(|note| tell!("note: {note}"));
         let (guard, trying) = (Guard::until(|| false), Spinner::new("trying"));
         let found = estimate(&task, train)?;
