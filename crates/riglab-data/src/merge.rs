@@ -115,10 +115,17 @@ fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
         let alone = whole.iter().all(|other| other == path || *other != bare && other.with_extension("") != bare);
         if alone { bare } else { path.clone() }
     };
-    // Names begin with no root.
+    // Names begin with no root, and lead out of no folder.
     let steps = |path: PathBuf| {
-        let folders = path.components().filter(|step| matches!(step, Component::Normal(_)));
-        folders.map(|step| step.as_os_str().to_string_lossy().into_owned()).collect()
+        let mut folders: Vec<String> = Vec::new();
+        for step in path.components() {
+            match step {
+                Component::Normal(name) => folders.push(name.to_string_lossy().into_owned()),
+                Component::ParentDir => drop(folders.pop()),
+                _ => {}
+            }
+        }
+        folders
     };
     let paths: Vec<Vec<String>> = whole.iter().map(named).map(steps).collect();
     let end = |path: &[String], steps: usize| path[path.len().saturating_sub(steps)..].to_vec();
@@ -229,6 +236,8 @@ mod tests {
         // The end of another's path.
         let whole = |folder: &str| PathBuf::from(folder).join("rigs.h5");
         assert_eq!(prefixes(&[whole("/data"), whole("/mnt/data")]), ["data/rigs/", "mnt/data/rigs/"]);
+        // Paths that turn back.
+        assert_eq!(prefixes(&[whole("/data/sub"), whole("/data/sub/..")]), ["sub/rigs/", "data/rigs/"]);
         // One that is given twice is itself.
         let twice = [corpora[0].clone(), corpora[0].clone()];
         assert_eq!(merge(&twice, &out, true, None, |_| ()).unwrap().assets, 1);
