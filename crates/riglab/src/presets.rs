@@ -176,7 +176,7 @@ mod tests {
         let read = |name: &str| TaskConfig::read(&load(name, &[]).unwrap()).unwrap();
         let TaskConfig::UnirigSkeleton(skeleton) = read("unirig/skeleton_released.toml") else { panic!("skeletons") };
         assert_eq!(skeleton.sampling.cloud, CloudConfig::unirig_ar_training());
-        assert_eq!(skeleton.eval_cloud(), &CloudConfig::unirig_ar());
+        assert_eq!(skeleton.eval_cloud(), CloudConfig::unirig_ar());
         let TaskConfig::UnirigSkin(skin) = read("unirig/skin_released.toml") else { panic!("weights") };
         let s = &skin.sampling;
         assert_eq!((s.points, s.vertex_share, s.by), (16_384, 0.5, By::SquaredArea));

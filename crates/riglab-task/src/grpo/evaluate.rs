@@ -177,7 +177,7 @@ impl GrpoTask {
         let ((cloud, model), mut batch) = (self.policy.reads(), Shapes::default());
         for (mesh, key) in meshes {
             let mut random = stream(self.config.eval.seed, "skeleton evaluation", &[*key]);
-            shape(cloud, model, &CloudSampler::new(mesh, cloud), &mut random, &mut batch);
+            shape(&cloud, model, &CloudSampler::new(mesh, &cloud), &mut random, &mut batch);
         }
         self.policy.prefix(w, &batch)
     }

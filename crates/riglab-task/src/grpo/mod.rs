@@ -321,7 +321,7 @@ impl Task for GrpoTask {
         let (pool, (cloud, model)) = (self.policy.pool(), self.policy.reads());
         Arc::new(BatchSource {
             config: self.config.clone(),
-            cloud: cloud.clone(),
+            cloud,
             model: model.clone(),
             assets: pool.assets.clone(),
             cache: self.meshes.clone(),

@@ -83,9 +83,11 @@ impl Default for LossConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EvalConfig {
-    /// The points that the network sees of each mesh for which skeletons are drawn; `points = 0` sees as in training
+    /// Points that the network sees of each mesh for which skeletons are drawn; 0 takes as many as in training
     /// (`sampling.cloud`).
-    pub cloud: CloudConfig,
+    pub points: usize,
+    /// So many of these are vertices, as far as there are any; 0 takes as many as in training.
+    pub vertices: usize,
     /// How skeletons are drawn. While training, beams are left out: validations then take the likeliest tokens.
     pub generate: GenerateConfig,
     /// Skeletons that `riglab eval` samples for each mesh, of which it takes the one that the others agree with most
@@ -114,7 +116,8 @@ pub struct EvalConfig {
 impl Default for EvalConfig {
     fn default() -> Self {
         Self {
-            cloud: CloudConfig { points: 0, ..CloudConfig::default() },
+            points: 0,
+            vertices: 0,
             generate: GenerateConfig::default(),
             consensus: 1,
             clouds: 1,
@@ -138,8 +141,10 @@ impl EvalConfig {
 
 impl SkeletonTaskConfig {
     /// The points that the network sees of a mesh for which skeletons are drawn.
-    pub fn eval_cloud(&self) -> &CloudConfig {
-        if self.eval.cloud.points == 0 { &self.sampling.cloud } else { &self.eval.cloud }
+    pub fn eval_cloud(&self) -> CloudConfig {
+        let (cloud, eval) = (&self.sampling.cloud, &self.eval);
+        let or = |own: usize, trained: usize| if own == 0 { trained } else { own };
+        CloudConfig { points: or(eval.points, cloud.points), vertices: or(eval.vertices, cloud.vertices), by: cloud.by }
     }
 
     /// Checks sizes and their relations.
@@ -166,12 +171,14 @@ impl SkeletonTaskConfig {
             spread: self.loss.spread,
         }
         .validate()?;
-        let (seen, asked) = (self.eval_cloud().points, self.model.shape.tokens * self.model.shape.drawn);
-        if seen < asked {
-            return bad(
-                "eval.cloud.points",
-                format!("{seen} points, and model.shape draws {asked} of them: give more"),
-            );
+        let (seen, asked) = (self.eval_cloud(), self.model.shape.tokens * self.model.shape.drawn);
+        if seen.points < asked {
+            let points = seen.points;
+            return bad("eval.points", format!("{points} points, and model.shape draws {asked} of them: give more"));
+        }
+        if self.eval.vertices > seen.points {
+            let (vertices, points) = (self.eval.vertices, seen.points);
+            return bad("eval.vertices", format!("{vertices} vertices of {points} points: give fewer"));
         }
         let ids = Vocabulary::new(&self.tokenizer).len();
         if let Some(token) = self.model.decoder.frozen_token.filter(|token| *token as usize >= ids) {
@@ -214,11 +221,14 @@ mod tests {
     fn evaluations_see_what_training_does_unless_they_are_told_otherwise() {
         let mut c = SkeletonTaskConfig::default();
         c.sampling.cloud.vertices = 7;
-        assert_eq!(c.eval_cloud(), &c.sampling.cloud);
-        c.eval.cloud = CloudConfig::unirig_ar();
-        assert_eq!((c.eval_cloud(), c.validate()), (&CloudConfig::unirig_ar(), Ok(())));
-        c.eval.cloud.points = 8;
-        assert_eq!(c.validate().unwrap_err().0, "eval.cloud.points");
+        assert_eq!(c.eval_cloud(), c.sampling.cloud);
+        c.sampling.cloud = CloudConfig::unirig_ar_training();
+        c.eval.vertices = 8_192;
+        assert_eq!((c.eval_cloud(), c.validate()), (CloudConfig::unirig_ar(), Ok(())));
+        c.eval.points = 8;
+        assert_eq!(c.validate().unwrap_err().0, "eval.points");
+        (c.eval.points, c.eval.vertices) = (65_536, 65_537);
+        assert_eq!(c.validate().unwrap_err().0, "eval.vertices");
     }
 
     #[test]

@@ -265,8 +265,9 @@ impl SkeletonTask {
                     continue;
                 }
                 let mut random = stream(c.eval.seed, "skeleton evaluation", &[id.key()]);
-                let sampler = CloudSampler::new(rig.mesh(), c.eval_cloud());
-                shape(c.eval_cloud(), &c.model.shape, &sampler, &mut random, &mut batch);
+                let (cloud, mesh) = (c.eval_cloud(), rig.mesh());
+                let sampler = CloudSampler::new(mesh, &cloud);
+                shape(&cloud, &c.model.shape, &sampler, &mut random, &mut batch);
                 batch.lengths.push(encoded.ids.len() as i64);
                 batch.ids.extend(encoded.ids.iter().map(|&id| i64::from(id)));
             }

@@ -206,7 +206,7 @@ impl Drawer<'_> {
         let (c, agreement) = (self.config, self.config.eval.agreement());
         let (shares, mut shapes) = (agreement.shares(), Batch::default());
         for (mesh, key) in meshes {
-            let how = (c.eval_cloud(), &c.model.shape);
+            let how = (&c.eval_cloud(), &c.model.shape);
             agreement.shapes(how, mesh, (c.eval.seed, *key), shares.len(), &mut shapes);
         }
         let prefix = self.prefix_of(w, &shapes);
@@ -233,8 +233,9 @@ impl Drawer<'_> {
         let (c, mut batch) = (self.config, Batch::default());
         for (mesh, key) in meshes {
             let mut random = stream(c.eval.seed, "skeleton evaluation", &[*key]);
-            let sampler = CloudSampler::new(mesh, c.eval_cloud());
-            shape(c.eval_cloud(), &c.model.shape, &sampler, &mut random, &mut batch);
+            let cloud = c.eval_cloud();
+            let sampler = CloudSampler::new(mesh, &cloud);
+            shape(&cloud, &c.model.shape, &sampler, &mut random, &mut batch);
         }
         batch
     }
@@ -375,7 +376,6 @@ pub(crate) fn rows_at_once(rows: usize, bytes: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use riglab_geom::CloudConfig;
     use riglab_nn::params::Params;
 
     use super::*;
@@ -427,7 +427,7 @@ mod tests {
     fn meshes_are_seen_as_evaluations_are_told() {
         let ((mut config, net, params), mesh) = (untrained(), tetrahedron());
         let tokenizer = Tokenizer::new(config.tokenizer.clone());
-        config.eval.cloud = CloudConfig { points: 96, vertices: 3, ..CloudConfig::default() };
+        (config.eval.points, config.eval.vertices) = (96, 3);
         let drawer = Drawer { config: &config, tokenizer: &tokenizer, net: &net, device: Device::Cpu };
         let seen = drawer.shapes_of(&[(&mesh, 0), (&mesh, 1)]);
         let corners = seen.cloud.chunks(6).filter(|row| mesh.positions().contains(&[row[0], row[1], row[2]])).count();

@@ -31,7 +31,7 @@ pub(super) trait Policy {
     /// What is left out of it, for people.
     fn notes(&self) -> Vec<String>;
     /// What its shape encoder reads of a mesh.
-    fn reads(&self) -> (&CloudConfig, &PerceiverConfig);
+    fn reads(&self) -> (CloudConfig, &PerceiverConfig);
     /// Which way is up in its cube.
     fn up(&self) -> Up;
     /// Itself as a model that makes rigs; `None` where it draws skeletons alone.

@@ -68,9 +68,9 @@ impl Policy for TokenRigTask {
         Experiment::notes(self)
     }
 
-    fn reads(&self) -> (&CloudConfig, &PerceiverConfig) {
+    fn reads(&self) -> (CloudConfig, &PerceiverConfig) {
         let c = self.rigger().config();
-        (&c.sampling.cloud, &c.model.shape)
+        (c.sampling.cloud.clone(), &c.model.shape)
     }
 
     fn up(&self) -> Up {

@@ -58,7 +58,7 @@ impl Policy for SkeletonTask {
         Experiment::notes(self)
     }
 
-    fn reads(&self) -> (&CloudConfig, &PerceiverConfig) {
+    fn reads(&self) -> (CloudConfig, &PerceiverConfig) {
         (self.config().eval_cloud(), &self.config().model.shape)
     }
 
