@@ -189,6 +189,15 @@ impl Experiment for TokenRigTask {
     }
 
     fn unfit(&self) -> Option<String> {
+        let c = &self.rigger.config;
+        if c.loss.never_trains_codes(c.train.steps) {
+            let [from, to] = c.loss.skin_warmup;
+            return Some(format!(
+                "loss.skin_warmup = [{from:?}, {to:?}]: codes would have no weight in any of {} steps; give a first share that \
+                 comes sooner, or loss.skin = 0, which trains skeletons alone",
+                c.train.steps
+            ));
+        }
         let (fault, up) = (self.rigger.mismatch()?, self.rigger.vae.config().data.up);
         Some(format!("{fault}; give skin.run an auto-encoder of the same axis, or train with --set data.up={up}"))
     }
@@ -398,6 +407,12 @@ mod tests {
         assert!(said.contains("data.up = \"z\"") && said.contains("with data.up = \"y\""), "{said}");
         assert!(said.contains("skin.run") && said.ends_with("--set data.up=y"), "{said}");
         assert!(told.len() == 1 && said.starts_with(&told[0]), "{told:?}");
+        // Nor one that would leave codes as they are.
+        let mut config = same.rigger.config.clone();
+        config.loss.skin_warmup = [1.0, 1.0];
+        let never = TokenRigTask::with(config, rigger.shared_vae(), Device::Cpu).unwrap();
+        let said = never.unfit().unwrap();
+        assert!(said.starts_with("loss.skin_warmup = [1.0, 1.0]") && never.warnings().is_empty(), "{said}");
     }
 
     #[test]

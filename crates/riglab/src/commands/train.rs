@@ -382,7 +382,7 @@ impl Visitor for Session<'_> {
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
         let Self { config, place, longer, saved, threads, device, ranks } = self;
-        trainable(&task, config, saved.is_none())?;
+        trainable(&task, config, !matches!(place, Place::There(_)))?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         let from = &config.train().start;
         let start = (saved.is_none() && !from.is_none()).then(|| taken(task.params(), &from.parts));
