@@ -304,8 +304,9 @@ impl SkinTaskConfig {
                 return fault(key, format!("{n} points, and model.shape draws {picked} of them"));
             }
         }
-        if seen.vertices > seen.points {
-            return fault("eval.vertices", format!("{} vertices of {} points: give fewer", seen.vertices, seen.points));
+        if self.eval.vertices > seen.points {
+            let (vertices, points) = (self.eval.vertices, seen.points);
+            return fault("eval.vertices", format!("{vertices} vertices of {points} points: give fewer"));
         }
         if s.queries > s.points || s.points > s.pool {
             let (q, n, p) = (s.queries, s.points, s.pool);
