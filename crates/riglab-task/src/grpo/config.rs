@@ -317,14 +317,16 @@ pub(super) fn idle(config: &GrpoTaskConfig, weighs: bool, up: Up) -> Vec<String>
         ("shift_probability", cube.shift_probability != plain.shift_probability),
         ("into", cube.into != plain.into),
     ];
-    let of_sizes = of_cube.into_iter().map(|(key, set)| (format!("cube.{key}"), set));
-    // Without the cube, noise on vertices is the smaller the larger a mesh became.
-    let undone = cube.enabled || augment.jitter.probability == 0.0;
-    let uniform = augment.scale.uniform && augment.scale.probability > 0.0 && undone;
-    for (key, _) in of_sizes.chain([("scale.uniform".into(), uniform)]).filter(|(_, set)| *set) {
-        notes.push(format!(
-            "augment.{key} has no effect: each mesh is set into the cube by its own box, as `riglab rig` does"
-        ));
+    // Noise on vertices is the smaller the larger a mesh is: after the cube's own sizes, and after a scale without the cube.
+    let noise = augment.jitter.probability > 0.0;
+    let of_sizes = of_cube.into_iter().filter(|(key, set)| *set && !(noise && *key != "shift_probability"));
+    let mut undone: Vec<String> = of_sizes.map(|(key, _)| format!("augment.cube.{key}")).collect();
+    if augment.scale.uniform && augment.scale.probability > 0.0 && (cube.enabled || !noise) {
+        undone.push("augment.scale, uniform as it is,".into());
+    }
+    for what in undone {
+        notes
+            .push(format!("{what} has no effect: each mesh is set into the cube by its own box, as `riglab rig` does"));
     }
     for (key, _) in clips.iter().filter(|(_, set)| *set && config.rollout.updates() == 1) {
         notes.push(format!(
@@ -387,7 +389,9 @@ mod tests {
         assert!(of(|c| (c.objective.clip, c.rollout.minibatches) = (0.1, 2)).is_empty());
         assert_eq!(of(|c| c.objective.length = 100.0), ["objective.length"]);
         let cube = ["scale_probability", "shift_probability"].map(|key| format!("augment.cube.{key}"));
-        assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), cube);
+        assert_eq!(of(|c| c.augment.cube = Recipe::unirig_ar().cube), cube);
+        // Noise on vertices counts less on a larger mesh.
+        assert_eq!(of(|c| c.augment = Recipe::unirig_ar()), cube[1..]);
         assert_eq!(of(|c| c.augment.cube.into = [0.0, 1.0]), ["augment.cube.into"]);
         assert_eq!(of(|c| c.data.up = Up::Z), ["data.up"]);
         let joints = ["joint_noise", "discretise", "trim", "reconnect"].map(|key| format!("augment.{key}"));
@@ -406,7 +410,7 @@ mod tests {
         fn uniform(c: &mut GrpoTaskConfig) {
             (c.augment.scale.probability, c.augment.scale.uniform) = (1.0, true);
         }
-        assert_eq!(of(uniform), ["augment.scale.uniform"]);
+        assert_eq!(of(uniform), ["augment.scale,"]);
         let noisy = |c: &mut GrpoTaskConfig| {
             uniform(c);
             (c.augment.cube.enabled, c.augment.jitter.probability) = (false, 1.0);
