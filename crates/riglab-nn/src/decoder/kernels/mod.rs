@@ -212,6 +212,12 @@ mod tests {
                     panels.apply(&x, &mut y, rows);
                     panels.apply_in_threads(&x, &mut dealt, rows);
                     assert_eq!(y, dealt);
+                    // Other threads may take wider registers: the same in parts of this one.
+                    let (count, mut parts) = (outputs.div_ceil(PANEL), vec![0.0; rows * outputs]);
+                    for span in [0..count / 2, count / 2..count] {
+                        panels.span(&x, parts.as_mut_ptr(), rows, span);
+                    }
+                    assert_eq!(y, parts);
                     for (row, y) in y.chunks(outputs).enumerate() {
                         let x = &x[row * inputs..(row + 1) * inputs];
                         let mut alone = vec![0.0; outputs];
