@@ -581,6 +581,29 @@ fn what_one_file_of_many_cannot_hold_is_left_out() {
     assert!(before.as_ref().is_some_and(|before| before.contains("material")) && before == lost("made"), "{before:?}");
 }
 
+#[test]
+fn folders_come_back_from_one_file() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = |name: &str| dir.path().join(name);
+    let made = creatures(&path("made"), 2);
+    for (from, to) in [(&made[0], "in/a/x.glb"), (&made[1], "in/b/c/x.glb"), (&made[1], "in/x.glb")] {
+        fs::create_dir_all(path(to).parent().unwrap()).unwrap();
+        fs::copy(from, path(to)).unwrap();
+    }
+    for (file, format) in [("all.npz", "articulation-xl"), ("all.h5", "puppeteer-h5"), ("all.pt", "anymate")] {
+        let back = path(&format!("{format}/"));
+        must(&["convert", text(&path("in")), text(&path(file)), "--to", format]);
+        must(&["convert", text(&path(file)), text(&back), "--to", "glb"]);
+        for file in ["a/x.glb", "b/c/x.glb", "x.glb"] {
+            assert!(back.join(file).is_file(), "{format}: {file}");
+        }
+        assert_eq!(fs::read_dir(&back).unwrap().count(), 3, "{format}");
+    }
+    // One asset alone, too.
+    must(&["convert", text(&path("all.npz")), text(&path("one/")), "--to", "glb", "--item", "0"]);
+    assert!(path("one/a/x.glb").is_file());
+}
+
 #[cfg(unix)]
 #[test]
 fn what_cannot_be_looked_at_is_left_out_and_counted() {

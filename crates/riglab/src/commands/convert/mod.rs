@@ -37,7 +37,7 @@ use store::{note_place, spare, spare_inputs, store, warn};
 /// puppeteer-h5, articulation-xl, unirig (raw_data.npz), skintokens, anymate and fbx. The name of OUT tells
 /// which; an npz that is not called raw_data.npz, a txt that does not end in _rig.txt, and an h5 made of a corpus need
 /// --to. A folder or a file of several assets goes into a folder, a file an asset, or into one file of a format that
-/// holds several, where names keep the folders of their files. Where a format has Z up, axes are turned.
+/// holds several, where names keep the folders of their files, which come again when it goes into a folder. Where a format has Z up, axes are turned.
 /// glTF and VRM become a GLB with all they had: materials, pictures, morph targets, motions, extensions.
 /// Into an FBX go nodes, meshes, weights, materials with their pictures, morph targets and motions of a glTF, VRM or FBX; of
 /// corpora mesh, skeleton, weights and motions.
@@ -217,7 +217,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
     }
     let imported = import(&args.input, &options)?;
     let own = own_name(&imported, &args.input);
-    let out = if into_folder { args.out.join(file_name(own, target)) } else { args.out.clone() };
+    let out = if into_folder { place_of(&args.out, own, 1, target) } else { args.out.clone() };
     make_folder_of(&out)?;
     let (mut lost, mut notes) = (Lost::default(), Notes::default());
     store(imported, &out, target, args, &inputs, (&mut lost, &mut notes))?;
@@ -269,22 +269,22 @@ fn into(
                 let its = (count > 1).then_some(imported.name.as_str());
                 known.about(file, its, &imported.provenance)
             });
-            let mut name = file_name(&own, target);
+            let mut place = place_of(&folder, &own, 1, target);
             // Two assets of one name, as a.glb and a.vrm make, do not overwrite each other.
             let mut again = 1;
             let free = |place: &Path| {
                 let others = kept.contains(place) && has.as_deref() != Some(place);
                 !others && !written_paths(place, target).iter().any(|path| taken.contains(path))
             };
-            while !free(&folder.join(&name)) {
+            while !free(&place) {
                 again += 1;
-                name = numbered(&own, again, target);
+                place = place_of(&folder, &own, again, target);
             }
             if again > 1 {
+                let name = in_line(place.strip_prefix(&folder).unwrap_or(&place).display());
                 tell!("note: {}: written as {name}, as another file has its name", file.display());
             }
-            taken.extend(written_paths(folder.join(&name), target));
-            let place = folder.join(&name);
+            taken.extend(written_paths(&place, target));
             let stored = make_folder_of(&place)
                 .map_err(anyhow::Error::from)
                 .and_then(|()| store(imported, &place, target, args, inputs, (&mut lost, &mut notes)));
@@ -451,13 +451,29 @@ fn own_name<'a>(imported: &'a Imported, file: &Path) -> &'a str {
     }
 }
 
-/// A file name for an asset: names come from files and may lead anywhere.
+/// Where the `again`th asset of a name is written: one file of a folder's assets calls them by the folders that they had.
+/// Names come from files and may lead anywhere: steps out of the folder are dropped.
+fn place_of(folder: &Path, name: &str, again: usize, target: Target) -> PathBuf {
+    let mut steps: Vec<&str> = name.split('/').filter(|step| !["", ".", ".."].contains(step)).collect();
+    let own = steps.pop().unwrap_or_default();
+    let folders: PathBuf = steps.into_iter().map(plain).collect();
+    folder.join(folders).join(numbered(own, again, target))
+}
+
+/// A file name for an asset.
 fn file_name(name: &str, target: Target) -> String {
     numbered(name, 1, target)
 }
 
 /// The same for the `again`th asset of a name.
 fn numbered(name: &str, again: usize, target: Target) -> String {
+    // After what was cut off, or names that begin alike would stay alike.
+    let number = if again > 1 { format!("-{again}") } else { String::new() };
+    format!("{}{number}{}", plain(name), target.suffix())
+}
+
+/// A name as that of a file or folder.
+fn plain(name: &str) -> String {
     let plain = |c: char| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c };
     let mut plain: String = name.chars().map(plain).collect();
     // File systems take 255 bytes.
@@ -465,9 +481,7 @@ fn numbered(name: &str, again: usize, target: Target) -> String {
     if plain.is_empty() || plain.starts_with('.') {
         plain.insert(0, '_');
     }
-    // After what was cut off, or names that begin alike would stay alike.
-    let number = if again > 1 { format!("-{again}") } else { String::new() };
-    format!("{plain}{number}{}", target.suffix())
+    plain
 }
 
 /// Rigged files of a folder and those below it, without those that an earlier call wrote there; and how many could not be
@@ -568,5 +582,9 @@ mod tests {
         assert_eq!(file_name(&long, Target::GLB).len(), 154);
         assert_eq!(numbered(&long, 2, Target::GLB), file_name(&long, Target::GLB).replace(".glb", "-2.glb"));
         assert_eq!(numbered("a", 3, Target::RIGNET), "a-3_rig.txt");
+        let at = |name: &str| place_of(Path::new("out"), name, 1, Target::GLB).to_string_lossy().into_owned();
+        assert_eq!([at("a/b/fox"), at("/etc/./../fox")], ["out/a/b/fox.glb", "out/etc/fox.glb"]);
+        assert_eq!([at("a\\..:/.x/\u{0}y"), at("a/.."), at("")], ["out/a_.._/_.x/_y.glb", "out/a.glb", "out/_.glb"]);
+        assert_eq!(at(&format!("{long}/fox")).len(), "out/".len() + 150 + "/fox.glb".len());
     }
 }
