@@ -90,7 +90,7 @@ impl Truths {
     }
 
     /// Leaves out what lies in the folders, or is one of the files, that systems are from, where these are below the folder of
-    /// true rigs: predictions are nobody's truth. A note says so.
+    /// true rigs, be it by a link: predictions are nobody's truth. A note says so.
     ///
     /// # Errors
     /// When there is nothing else.
@@ -98,7 +98,8 @@ impl Truths {
         let real = |path: &Path| path.canonicalize().ok();
         let (TruthSource::Files(files), Some(folder)) = (&mut self.source, real(&self.path)) else { return Ok(()) };
         for system in systems {
-            let Some(own) = real(system).filter(|own| *own != folder && own.starts_with(&folder)) else { continue };
+            // The folder itself, or one that it lies in, is compared with itself.
+            let Some(own) = real(system).filter(|own| !folder.starts_with(own)) else { continue };
             let before = files.len();
             files.retain(|file| !real(file).is_some_and(|file| file.starts_with(&own)));
             let left_out = match before - files.len() {

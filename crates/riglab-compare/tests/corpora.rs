@@ -332,6 +332,22 @@ fn predictions_below_the_true_rigs_are_none_of_them() {
     assert_eq!(truths.len(), 2);
     assert!(truths.notes[1].starts_with("no true rigs, but predictions: 2 files in "), "{:?}", truths.notes);
     assert_eq!(of_all(&rigged, &truths).0, [2, 0, 0]);
+    // One that lies elsewhere, and that a link leads to; whoever gives a folder above compares all with itself.
+    #[cfg(unix)]
+    {
+        let elsewhere = tempfile::tempdir().unwrap();
+        let link = dir.path().join("rigged/link");
+        std::fs::copy(dir.path().join("a.glb"), elsewhere.path().join("c.glb")).unwrap();
+        std::os::unix::fs::symlink(elsewhere.path(), &link).unwrap();
+        for system in [link.as_path(), elsewhere.path()] {
+            let mut truths = Truths::open(dir.path(), None).unwrap();
+            truths.leave_out([dir.path().parent().unwrap()]).unwrap();
+            assert_eq!(truths.len(), 5);
+            truths.leave_out([system]).unwrap();
+            assert!(truths.len() == 4 && truths.notes[1].contains("but predictions: 1 file in "), "{:?}", truths.notes);
+        }
+        std::fs::remove_file(link).unwrap();
+    }
     ["a.glb", "b.glb"].iter().for_each(|name| std::fs::remove_file(dir.path().join(name)).unwrap());
     let said = Truths::open(dir.path(), None).unwrap().leave_out([rigged.as_path()]).unwrap_err().to_string();
     assert!(said.contains("all that is below it are the predictions in"), "{said}");
