@@ -245,6 +245,12 @@ fn from_files_to_weights_for_given_skeletons() {
         "{said}"
     );
     assert!(said.contains("next: riglab report") && said.contains("--eval"), "{said}");
+    // It outlives an evaluation of another checkpoint in its place.
+    fs::copy(run.join("eval.json"), &hidden).unwrap();
+    let other = if evaluation["checkpoint"]["step"] == 40 { "step-00000080" } else { "step-00000040" };
+    must(&["eval", text(&run), "--pictures", "0", "--checkpoint", other]);
+    assert_eq!(cut(&[]).0, own);
+    fs::rename(&hidden, run.join("eval.json")).unwrap();
     let other = dir.path().join("other.html");
     must(&["report", text(&run), "--eval", text(&out), "-o", text(&other)]);
     assert!(fs::read_to_string(&other).unwrap().contains("mine.h5"));

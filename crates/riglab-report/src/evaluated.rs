@@ -28,6 +28,9 @@ struct Evaluation {
     #[serde(default)]
     data: Vec<serde_json::Value>,
     report: Option<Report>,
+    #[serde(default)]
+    own_cuts: Vec<OwnCut>,
+    /// What an earlier version wrote, which kept one.
     own_cut: Option<OwnCut>,
 }
 
@@ -38,7 +41,7 @@ struct Report {
 }
 
 /// The cut of a decode rule that a run's own validation assets chose for its checkpoint of this step: kept by an evaluation on
-/// other assets that takes the place of the one that chose it.
+/// other assets, or of another checkpoint, that takes the place of the one that chose it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OwnCut {
     /// Of the checkpoint.
@@ -86,14 +89,22 @@ fn chose_for(run: &Path, Evaluation { checkpoint, set, data, .. }: &Evaluation, 
     own && checkpoint.as_ref().and_then(|of| of.step) == Some(step)
 }
 
-/// The cut that a run's own validation assets chose for the checkpoint of this step, where an evaluation of it is there, or one
-/// that took its place.
+/// The cuts that a run's own validation assets chose for its checkpoints, as far as an evaluation of these is there, or others
+/// that took its place: one a step.
+pub fn own_cuts(run: &Path) -> Vec<OwnCut> {
+    let Some(evaluation) = read(run) else { return Vec::new() };
+    let step = evaluation.checkpoint.as_ref().and_then(|of| of.step);
+    let chosen = step.filter(|step| chose_for(run, &evaluation, *step));
+    let mut all: Vec<OwnCut> = evaluation.own_cuts.into_iter().chain(evaluation.own_cut).collect();
+    all.retain(|own| Some(own.step) != chosen);
+    let cut = evaluation.report.and_then(|report| report.cut);
+    all.extend(chosen.zip(cut).map(|(step, cut)| OwnCut { step, cut }));
+    all
+}
+
+/// That for the checkpoint of this step.
 pub fn own_cut(run: &Path, step: u64) -> Option<OwnCut> {
-    let evaluation = read(run)?;
-    match chose_for(run, &evaluation, step) {
-        true => evaluation.report?.cut.map(|cut| OwnCut { step, cut }),
-        false => evaluation.own_cut.filter(|own| own.step == step),
-    }
+    own_cuts(run).into_iter().find(|own| own.step == step)
 }
 
 fn read(run: &Path) -> Option<Evaluation> {
@@ -145,7 +156,15 @@ mod tests {
             5,
             &format!("\"set\": [\"data.test=['a']\"], \"report\": {{\"cut\": 0.5}}, \"own_cut\": {kept}, "),
         ));
-        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(own), None]);
+        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(own), None], "by an earlier version");
+        // And one of another checkpoint, which has its own.
+        evaluated(&of(8, &format!("\"report\": {{\"cut\": 0.5}}, \"own_cuts\": [{kept}], ")));
+        let last = OwnCut { step: 8, cut: 0.5 };
+        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(own), Some(last)]);
+        let kept = serde_json::to_string(&own_cuts(run)).unwrap();
+        evaluated(&of(5, &format!("\"report\": {{\"cut\": 0.125}}, \"own_cuts\": {kept}, ")));
+        let anew = OwnCut { step: 5, cut: 0.125 };
+        assert_eq!([5, 8].map(|step| own_cut(run, step)), [Some(anew), Some(last)]);
         assert_eq!(Checkpoints::of(run), Checkpoints { best: Some(5), last: Some(8) });
     }
 }

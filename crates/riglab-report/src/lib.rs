@@ -39,7 +39,7 @@ pub use bars::Bars;
 pub use chart::{Chart, Series};
 pub use columns::Columns;
 pub use dots::{By, Dots};
-pub use evaluated::{Checkpoints, OwnCut, own_cut, speaks_for};
+pub use evaluated::{Checkpoints, OwnCut, own_cut, own_cuts, speaks_for};
 pub use figures::{Figure, figure_name};
 pub use findings::{Beside, Findings, Metric, Single, Total};
 pub use glossary::explained;

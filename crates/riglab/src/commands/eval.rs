@@ -10,7 +10,7 @@ use riglab_config::{Config, Difference, Loader};
 use riglab_data::SplitNames;
 use riglab_files::{Unfinished, make_folder_of};
 use riglab_report::shell::command;
-use riglab_report::{OwnCut, own_cut};
+use riglab_report::{OwnCut, own_cut, own_cuts};
 use riglab_sweep::hold_evaluation;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
@@ -200,7 +200,7 @@ fn replaced(path: &Path, corpora: &[(String, String, usize)]) -> Option<String> 
 }
 
 /// Whether a setting of this key is given, by its path or in a table of several.
-fn sets_key(sets: &[String], key: &str) -> bool {
+pub fn sets_key(sets: &[String], key: &str) -> bool {
     sets.iter().any(|set| match Loader::new().parse("--set", "", &[set]) {
         Ok(own) => own.leaves().iter().any(|leaf| leaf.path == key),
         // One that takes a building block, say.
@@ -350,8 +350,11 @@ impl Visitor for Examination<'_> {
             tell!("note: {}: {note}", path.display());
         }
         let lists = [("set", args.sets.as_slice()), ("trained_on", &seen), ("other_models", &others)];
-        let kept = own_cut(&run, checkpoint.state().step).filter(|_| !args.sets.is_empty());
-        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists, kept)?;
+        // This one may choose anew for its own checkpoint.
+        let (step, anew) = (checkpoint.state().step, args.sets.is_empty());
+        let mut kept = own_cuts(&run);
+        kept.retain(|own| own.step != step || !anew);
+        let json = with_data(&examined.json, &looked_at(task.assets(), &data)?, &lists, &kept)?;
         // The numbers first: they took longest.
         write(&path, json.as_bytes())?;
         let draw = || -> Result<()> {
@@ -399,17 +402,19 @@ fn other_model((key, now, then): (&str, &str, &str)) -> String {
 }
 
 /// An evaluation's file with the corpora it is of; and by name, where they have something, the lists of the settings that
-/// are not the run's, of the assets that were trained on, and of what is said of other models; and the cut that the run's own
-/// assets have chosen, where these are others.
-fn with_data(json: &str, data: &[LookedAt], lists: &[(&str, &[String])], kept: Option<OwnCut>) -> Result<String> {
+/// are not the run's, of the assets that were trained on, and of what is said of other models; and the cuts that the run's own
+/// assets have chosen, where these or the checkpoint are others.
+fn with_data(json: &str, data: &[LookedAt], lists: &[(&str, &[String])], kept: &[OwnCut]) -> Result<String> {
     let Some(rest) = json.strip_prefix("{\n") else { bail!("the task's evaluation is no object over several lines") };
     let named = |name: &str, of: &[String]| match of {
         [] => Ok(String::new()),
         some => serde_json::to_string(some).map(|list| format!("  \"{name}\": {list},\n")),
     };
     let lists = lists.iter().map(|(name, of)| named(name, of)).collect::<Result<String, _>>()?;
-    let kept = kept.map(|own| serde_json::to_string(&own)).transpose()?;
-    let kept = kept.map_or(String::new(), |own| format!("  \"own_cut\": {own},\n"));
+    let kept = match kept {
+        [] => String::new(),
+        some => format!("  \"own_cuts\": {},\n", serde_json::to_string(some)?),
+    };
     Ok(format!("{{\n  \"data\": {},\n{lists}{kept}{rest}", serde_json::to_string(data)?))
 }
 
@@ -429,11 +434,12 @@ mod tests {
             "{\n  \"report\": 1\n}\n",
             &[],
             &[("set", &[]), ("other_models", std::slice::from_ref(&said))],
-            None,
+            &[OwnCut { step: 5, cut: 0.25 }, OwnCut { step: 8, cut: 0.5 }],
         )
         .unwrap();
         let read: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert!(read["other_models"][0] == said && read["report"] == 1 && read["set"].is_null(), "{json}");
+        assert_eq!(read["own_cuts"][1], serde_json::json!({"step": 8, "cut": 0.5}));
     }
 
     #[test]
