@@ -128,24 +128,64 @@ impl SlurmConfig {
     /// # Errors
     /// The key below `slurm` that is wrong, with a sentence.
     pub fn validate(&self) -> Result<(), (String, String)> {
-        self.validate_kept()?;
+        self.validate_after(&Self { options: Vec::new(), ..self.clone() })
+    }
+
+    /// As [`Self::validate`], of what jobs were submitted with, `kept`, and what was changed of it: an earlier version took
+    /// more options, and they go on by these, but for those that would take the place of a change.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    pub fn validate_after(&self, kept: &Self) -> Result<(), (String, String)> {
+        self.validate_values()?;
+        let refused = |message| Err::<Vec<String>, _>(("slurm.options".into(), message));
         for option in &self.options {
-            let name = name_of(option);
-            // Slurm takes a long name by its beginning, too.
-            let is = |taken: &str| taken == name || (name.len() > 2 && taken.starts_with(name));
-            if let Some((_, why)) = TAKEN.iter().find(|(taken, _)| is(taken)) {
-                return Err(("slurm.options".into(), format!("`{name}` is not for this list: {why}")));
+            let is_kept = kept.options.contains(option);
+            let words = match is_kept {
+                true => shell_words::split(option).unwrap_or_default(),
+                false => words_of(option).or_else(refused)?,
+            };
+            for name in words.iter().filter(|word| word.starts_with('-')).map(|word| name_of(word)) {
+                match self.instead(name) {
+                    Some(why) if !is_kept => return refused(format!("`{name}` is not for this list: {why}")).map(drop),
+                    Some(why) if self.differs(kept, why) => {
+                        let hides = "which an earlier version took, would count in the place of the change";
+                        let remedy = "give the list without it, too, such as --set slurm.options='[]'";
+                        return refused(format!("`{name}`, {hides}: {why}, and {remedy}")).map(drop);
+                    }
+                    _ => {}
+                }
             }
         }
         Ok(())
     }
 
-    /// As [`Self::validate`], of what jobs were submitted with: an earlier version took more options, and they go on by
-    /// these.
-    ///
-    /// # Errors
-    /// As [`Self::validate`].
-    pub fn validate_kept(&self) -> Result<(), (String, String)> {
+    /// What to say instead of an option of this name, where it is not for the list.
+    fn instead(&self, name: &str) -> Option<&'static str> {
+        // Slurm takes one of the two, by its own rules.
+        if name.starts_with("--mem-per-") && !self.memory.is_empty() {
+            return Some("use `memory` or this, not both");
+        }
+        // Slurm takes a long name by its beginning, too.
+        let is = |taken: &str| taken == name || (name.len() > 2 && taken.starts_with(name));
+        TAKEN.iter().find(|(taken, _)| is(taken)).map(|(_, why)| *why)
+    }
+
+    /// Whether the key that is to be used instead of an option has another value than before.
+    fn differs(&self, kept: &Self, why: &str) -> bool {
+        let key = why.strip_prefix("use `").and_then(|rest| rest.split('`').next()).unwrap_or_default();
+        let value = |of: &Self| serde_json::to_value(of).ok().and_then(|all| all.get(key).cloned());
+        value(self) != value(kept)
+    }
+
+    /// Whether it says how much memory jobs ask for.
+    pub fn asks_for_memory(&self) -> bool {
+        let asks = |name: &str| name == "--mem" || name.starts_with("--mem-per-");
+        !self.memory.is_empty() || self.options.iter().any(|option| asks(name_of(option)))
+    }
+
+    /// Checks all but what options are for.
+    fn validate_values(&self) -> Result<(), (String, String)> {
         let fault = |key: &str, message: String| Err((format!("slurm.{key}"), message));
         let words = [
             ("partition", &self.partition),
@@ -195,6 +235,23 @@ impl SlurmConfig {
             }
         }
         Ok(())
+    }
+}
+
+/// The words of an option as Slurm reads a line of a script, where quotes and backslashes work as in a shell.
+///
+/// # Errors
+/// A sentence, where they are none or more than one option: the second would not be looked at.
+fn words_of(option: &str) -> Result<Vec<String>, String> {
+    let words = shell_words::split(option).map_err(|_| format!("{option:?} has a quote that is not closed"))?;
+    // A value may be a word of its own.
+    let most = if words.first().is_some_and(|word| word.starts_with("--") && word.contains('=')) { 1 } else { 2 };
+    match words.len() > most || words.iter().skip(1).any(|word| word.starts_with('-')) {
+        true => Err(format!(
+            "{option:?} is more than one option; write each as a text of its own, and a value of several words in quotes, \
+             such as '--comment=\"two words\"'"
+        )),
+        false => Ok(words),
     }
 }
 
@@ -335,6 +392,17 @@ mod tests {
             }
         }
         assert!(fault("options = ['-J x']").contains("jobs are called by what they do"));
+        // Behind a first option Slurm would take a second.
+        for several in ["--exclusive --time=2", "--gres=gpu:1 -p x", "-w n1 -t2", "--comment=two words", "-w n1 n2"] {
+            let said = fault(&format!("options = ['{several}']"));
+            assert!(said.contains(&format!("{several:?} is more than one option; write each")), "{said}");
+        }
+        assert!(fault("options = ['--comment=\"two']").contains("a quote that is not closed"));
+        assert!(fault("options = ['--\"ti\"me=2']").contains("`--time` is not for this list"));
+        let said = fault("memory = '4G'\noptions = ['--mem-per-cpu=2G']");
+        assert!(said.contains("`--mem-per-cpu` is not for this list: use `memory` or this, not both"), "{said}");
+        let quoted = "'--comment=\"two words\"', '--comment \"two -p words\"', '-w n1', '--mem-per-cpu=2G'";
+        assert!(read(&format!("[slurm]\noptions = [{quoted}]\n")).unwrap().asks_for_memory());
         let others =
             "'--ntasks-per-node=2', '-w n1', '-wn1', '--no-kill', '--time-min=60', '--nodelist=n1', '--mem-bind=local'";
         assert!(read(&format!("[slurm]\noptions = [{others}]\n")).is_ok());
@@ -343,5 +411,27 @@ mod tests {
         assert!(fault("time = -3").contains("`-3` is no time") && fault("memory = 1.5").contains("memory"));
         assert_eq!(read("[slurm]\ntime = 90\nmemory = 4000\n").unwrap().time, "90");
         assert!(read("[slurm]\ntime = '4:00:00'\nmemory = '16G'\noptions = ['--gres=gpu:1']\n").is_ok());
+    }
+
+    #[test]
+    fn options_of_an_earlier_version_stay_until_they_would_hide_a_change() {
+        let of = |options: &[&str]| SlurmConfig {
+            options: options.iter().map(|option| (*option).to_owned()).collect(),
+            ..SlurmConfig::default()
+        };
+        let kept = of(&["-pcpu", "--exclusive --nice"]);
+        assert_eq!(kept.validate_after(&kept), Ok(()));
+        assert_eq!(SlurmConfig { time: "4:00:00".into(), ..kept.clone() }.validate_after(&kept), Ok(()));
+        assert!(
+            SlurmConfig { time: "4:00:00".into(), ..of(&["--nice -t2"]) }.validate_after(&of(&["--nice -t2"])).is_err()
+        );
+        let said = SlurmConfig { partition: "gpu".into(), ..kept.clone() }.validate_after(&kept).unwrap_err();
+        let wanted =
+            "`-p`, which an earlier version took, would count in the place of the change: use `partition`, and";
+        assert!(said.0 == "slurm.options" && said.1.starts_with(wanted), "{said:?}");
+        // What is added is looked at, beside them too.
+        let said = of(&["-pcpu", "-t2"]).validate_after(&kept).unwrap_err();
+        assert_eq!(said.1, "`-t` is not for this list: use `time`");
+        assert!(SlurmConfig { time: "soon".into(), ..kept.clone() }.validate_after(&kept).is_err());
     }
 }

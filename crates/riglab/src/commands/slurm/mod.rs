@@ -117,15 +117,15 @@ impl Desk {
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => String::new(),
             Err(e) => return Err(e).with_context(|| format!("{} cannot be read", path.display())),
         };
-        let config = presets::parse(&path.display().to_string(), &text, sets)?;
-        self.config = match sets.is_empty() && config.contains("slurm") {
-            true => {
-                let kept: SlurmConfig = config.get_at("slurm")?;
-                kept.validate_kept().map_err(|(key, message)| config.invalid(&key, message))?;
-                kept
-            }
-            false => settings(&config)?,
+        let read = |sets: &[String]| -> Result<(Config, SlurmConfig)> {
+            let config = presets::parse(&path.display().to_string(), &text, sets)?;
+            let slurm = if config.contains("slurm") { config.get_at("slurm")? } else { SlurmConfig::default() };
+            Ok((config, slurm))
         };
+        let (config, changed) = read(sets)?;
+        let kept = read(&[]).map(|(_, kept)| kept).unwrap_or_default();
+        changed.validate_after(&kept).map_err(|(key, message)| config.invalid(&key, message))?;
+        self.config = changed;
         Ok(self)
     }
 
@@ -298,6 +298,12 @@ mod tests {
         let (own, rest) = apart(&["slurm={time='4:00:00'}".into(), "slurmy.cpus=2".into()]);
         assert_eq!((own.len(), rest.len()), (1, 1));
         assert_eq!(Desk::reopen(dir.path(), &own).unwrap().config.time, "4:00:00");
+        // What an earlier version took stays, and stands in no other change's way.
+        std::fs::write(dir.path().join("slurm/settings.toml"), "[slurm]\noptions = ['-pcpu']\n").unwrap();
+        let desk = Desk::reopen(dir.path(), &["slurm.time=4:00:00".into()]).unwrap();
+        assert_eq!((desk.config.time.as_str(), desk.config.options), ("4:00:00", vec!["-pcpu".to_owned()]));
+        let said = Desk::reopen(dir.path(), &["slurm.partition=gpu".into()]).err().unwrap().to_string();
+        assert!(said.contains("settings.toml") && said.contains("--set slurm.options='[]'"), "{said}");
         let desk = |cpus: usize| Desk::new(dir.path(), SlurmConfig { cpus, ..SlurmConfig::default() }).unwrap();
         assert_eq!(
             [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus).for_threads(threads).config.cpus),
