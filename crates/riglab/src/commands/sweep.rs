@@ -151,6 +151,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
                 anew.join("; ")
             );
         }
+        // A later call that names the folder alone may hand it to a cluster.
+        if args.on.is_none() {
+            desk.keep_for_later()?;
+        }
     }
     if args.retry {
         tell!("{}: tried again", counted(retry(&folder, &plan)?, "failed job"));
@@ -324,6 +328,13 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
         let desk = Desk::reopen(&folder, &cluster)?;
+        if args.on.is_some() && cluster.is_empty() && !desk.has_settings() {
+            tell!(
+                "note: {}: no settings for a cluster are kept here, so that its defaults hold; the sweep's file in the place \
+                 of the folder, or --set slurm.KEY=VALUE, gives others",
+                folder.display()
+            );
+        }
         return Ok((plan, folder, desk));
     }
     let config = presets::load(name, &cluster)?;
@@ -346,10 +357,14 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     }
     without_cluster(&config, &file)?;
     let bases = used.then_some(&file.base).into_iter().chain(file.arms.iter().filter_map(|arm| arm.base.as_ref()));
-    let mut slurm = if args.on.is_some() { asks(&config, bases)? } else { settings(&config)? };
-    if slurm.memory.is_empty() && file.memory_gb > 0.0 {
-        slurm.memory = format!("{:.0}M", (file.memory_gb * 1024.0).ceil());
-    }
+    let asked = asks(&config, bases);
+    let slurm = if args.on.is_some() {
+        asked?
+    } else {
+        settings(&config)?;
+        // What cannot be handed over is refused where it is to be.
+        asked.unwrap_or_default()
+    };
     let plan = Plan::new(file, &sets).map_err(|e| match e {
         SweepError::Key { key, message } => config.invalid(&format!("sweep.{key}"), message),
         e => config.invalid("sweep", e),
@@ -367,9 +382,13 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     Ok((plan, folder, desk))
 }
 
-/// With the jobs at a time, and the threads of each, that the command line asks for.
+/// With the jobs at a time, and the threads of each, that the command line asks for, and the memory of a job that the sweep's
+/// file tells, where [slurm] tells none.
 fn asked(mut desk: Desk, args: &Args, plan: &Plan, threads: usize) -> Desk {
     desk = desk.for_threads(if threads > 0 { threads } else { plan.sweep.threads });
+    if !desk.config.asks_for_memory() && plan.sweep.memory_gb > 0.0 {
+        desk.config.memory = format!("{:.0}M", (plan.sweep.memory_gb * 1024.0).ceil());
+    }
     if args.jobs > 0 {
         desk.config.at_a_time = args.jobs;
     }
@@ -560,6 +579,27 @@ mod tests {
         }
         plan.settle(&out, settled::configs(&out).unwrap()).unwrap();
         assert_eq!(Plan::read(&out).unwrap().unwrap(), plan);
+    }
+
+    #[test]
+    fn a_cluster_is_asked_for_the_memory_that_the_sweep_tells() {
+        #[derive(clap::Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: Args,
+        }
+        let args = <Line as clap::Parser>::parse_from(["sweep", "s.toml", "--on", "slurm"]).args;
+        let folder = tempfile::tempdir().unwrap();
+        let text = "[sweep]\nbase = 'b'\nseeds = [1]\nmemory_gb = 1.5\n";
+        let config = riglab_config::Config::from_toml_str("s.toml", text).unwrap();
+        let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+        // As a call has it that names the folder alone.
+        let of = |sets: &[&str]| {
+            let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
+            asked(Desk::reopen(folder.path(), &sets).unwrap(), &args, &plan, 0).config.memory
+        };
+        assert_eq!((of(&[]), of(&["slurm.memory=4G"])), ("1536M".into(), "4G".into()));
+        assert_eq!(of(&["slurm.options=['--mem-per-cpu=2G']"]), "", "as it says otherwise");
     }
 
     #[test]

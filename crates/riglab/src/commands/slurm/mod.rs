@@ -53,7 +53,7 @@ struct Kept {
 /// Where the jobs of a piece of work are written down: the folder `slurm` within that of the work.
 ///
 /// ```text
-/// settings.toml   the table [slurm], as the last submission had it
+/// settings.toml   the table [slurm], as the last submission had it; before that, as the work was begun without one
 /// jobs.jsonl      a line a job that was submitted
 /// job-N.sh        its script
 /// job-N.toml      the table [slurm] that it was submitted with
@@ -141,6 +141,25 @@ impl Desk {
         work.join("slurm/jobs.jsonl").is_file()
     }
 
+    /// Whether settings are kept for later calls.
+    pub fn has_settings(&self) -> bool {
+        self.settings().is_file()
+    }
+
+    /// Writes the settings down for later calls that name the folder alone, where it has no others: of what was submitted
+    /// those count.
+    pub fn keep_for_later(&self) -> Result<()> {
+        let says_nothing = self.config == SlurmConfig::default() && !self.has_settings();
+        if says_nothing || self.file("jobs.jsonl").is_file() {
+            return Ok(());
+        }
+        write(&self.settings(), &self.kept()?)
+    }
+
+    fn kept(&self) -> Result<String> {
+        Ok(toml::to_string(&Kept { slurm: self.config.clone() })?)
+    }
+
     fn settings(&self) -> PathBuf {
         self.folder.join("settings.toml")
     }
@@ -151,7 +170,7 @@ impl Desk {
 
     /// Writes the settings down, for later calls and for the tasks of a submission.
     fn keep(&self, submission: usize) -> Result<()> {
-        let kept = toml::to_string(&Kept { slurm: self.config.clone() })?;
+        let kept = self.kept()?;
         write(&self.settings(), &kept)?;
         write(&self.settings_of(submission), &kept)
     }
@@ -309,6 +328,25 @@ mod tests {
             [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus).for_threads(threads).config.cpus),
             [0, 4, 8, 4]
         );
+    }
+
+    #[test]
+    fn what_was_begun_here_keeps_its_settings_for_a_cluster() {
+        let dir = tempfile::tempdir().unwrap();
+        let desk =
+            |time: &str| Desk::new(dir.path(), SlurmConfig { time: time.into(), ..SlurmConfig::default() }).unwrap();
+        let kept = || Desk::reopen(dir.path(), &[]).unwrap().config.time;
+        desk("").keep_for_later().unwrap();
+        assert!(!dir.path().join("slurm").exists(), "nothing is asked for");
+        desk("4:00:00").keep_for_later().unwrap();
+        assert_eq!(kept(), "4:00:00");
+        desk("").keep_for_later().unwrap();
+        assert_eq!(kept(), "", "the table was taken out of the file");
+        // A submission knows better.
+        desk("2:00:00").keep(1).unwrap();
+        std::fs::write(dir.path().join("slurm/jobs.jsonl"), "").unwrap();
+        desk("1:00:00").keep_for_later().unwrap();
+        assert_eq!(kept(), "2:00:00");
     }
 
     #[test]
