@@ -149,6 +149,18 @@ impl SweepFile {
         changes(&self.evaluate_with)
     }
 
+    /// The keys whose values from before evaluations replace, with all that is below them.
+    fn replaced_by_evaluations(&self) -> Vec<String> {
+        self.evaluation_sets().iter().flat_map(|set| replaced(set)).collect()
+    }
+
+    /// The key of the first of `sets` that says which splits are tested on, where evaluations say it again.
+    pub(crate) fn tested_otherwise<'a>(&self, sets: &'a [String]) -> Option<(&'a str, &'static str)> {
+        let again = self.replaced_by_evaluations().iter().any(|key| same(key, TESTED));
+        let of = |set: &&String| again && leaves(set).iter().any(|key| key == TESTED);
+        Some((sets.iter().find(of)?.as_str(), TESTED))
+    }
+
     /// The first of `sets` that is of a key in which points or seeds differ, and that key.
     pub(crate) fn overridden<'a>(&self, sets: &'a [String]) -> Option<(&'a str, String)> {
         let of_arms = self.arms.iter().flat_map(|arm| arm.set.keys());
@@ -198,13 +210,17 @@ impl SweepFile {
             ("sweep.product", all(&self.product)),
             ("sweep.zip", all(&self.zip)),
         ];
-        // What is of evaluations alone; they may be on other corpora than training, and mean to.
-        let of_evaluations = |key: &str| key.starts_with("eval.") || key == "data.test";
-        let again: Vec<String> = one(&self.evaluate_with).iter().flat_map(|set| leaves(set)).collect();
-        let again: Vec<String> = again.into_iter().filter(|key| of_evaluations(key)).collect();
-        let differ = own[1..].iter().flat_map(|(place, sets)| sets.iter().map(move |set| (*place, set)));
-        let mut hidden = differ.flat_map(|(place, set)| leaves(set).into_iter().map(move |key| (place, key)));
-        if let Some((place, key)) = hidden.find(|(_, key)| again.iter().any(|other| same(key, other))) {
+        // What is of evaluations alone; they may be on other corpora than training, and mean to. Where runs are alike, their
+        // validations may have other settings than evaluations, but tested on is nothing else.
+        let of_evaluations = |key: &str| key == "eval" || key.starts_with("eval.") || key == TESTED;
+        let again = self.replaced_by_evaluations();
+        let all = own.iter().flat_map(|(place, sets)| sets.iter().map(move |set| (*place, set)));
+        let mut all = all.flat_map(|(place, set)| leaves(set).into_iter().map(move |key| (place, key)));
+        let hides = |(place, key): &(&str, String)| {
+            let counts = of_evaluations(key) && (*place != "sweep.set" || key == TESTED);
+            counts && again.iter().any(|other| same(key, other))
+        };
+        if let Some((place, key)) = all.find(hides) {
             return Some((key, place, "sweep.evaluate_with"));
         }
         own.iter().enumerate().find_map(|(k, (place, sets))| {
@@ -238,6 +254,9 @@ fn same(one: &str, other: &str) -> bool {
     let within = |key: &str, table: &str| key.strip_prefix(table).is_some_and(|rest| rest.starts_with('.'));
     one == other || within(one, other) || within(other, one)
 }
+
+/// The key of the splits that are tested on.
+const TESTED: &str = "data.test";
 
 /// The key by which a table says that it is chosen anew.
 const CHOICE: &str = "extends";

@@ -103,6 +103,11 @@ impl Plan {
                 return at(format!("{table}[{k}].of"), fault);
             }
         }
+        if let Some((set, key)) = sweep.tested_otherwise(sets) {
+            return invalid(format!(
+                "--set {set}: `sweep.evaluate_with` sets `{key}` for every evaluation; change it there, in the sweep's file"
+            ));
+        }
         if let Some((set, key)) = sweep.overridden(sets) {
             return invalid(format!(
                 "--set {set}: the sweep itself sets `{key}`, which differs between its runs; change it in the sweep's file"
@@ -433,6 +438,34 @@ pub(crate) mod tests {
         let said = of(&with("[sweep.product]\n'eval.x' = [1, 16]")).unwrap_err();
         assert!(said.starts_with("`sweep.product` sets `eval.x`, and `sweep.evaluate_with` sets it again"), "{said}");
         assert_eq!(of(&with("[sweep.product]\n'data.corpora' = [['a.h5'], ['b.h5']]")), Ok(()));
+        // However they set it, and what is tested on is nothing that runs have otherwise.
+        let points = "[sweep.product]\n'eval.x' = [1, 16]\n'data.test' = [['a'], ['b']]";
+        let both = "set = { 'data.test' = ['a'], 'eval.x' = 2 }";
+        for (evaluation, more, place, key) in [
+            ("eval = { extends = [] }", points, "product", "eval.x"),
+            ("'eval.extends' = 'block.toml'", points, "product", "eval.x"),
+            ("data = { extends = [], corpora = ['t.h5'] }", points, "product", "data.test"),
+            ("'data.test' = ['b']", both, "set", "data.test"),
+            ("data = { test = ['b'] }", both, "set", "data.test"),
+        ] {
+            let text = format!("evaluate = true\nevaluate_with = {{ {evaluation} }}\n{more}");
+            let table: toml::Table = toml::from_str(&format!("[sweep]\nbase = 'b'\nseeds = [1, 2]\n{text}")).unwrap();
+            let said = Plan::new(table["sweep"].clone().try_into().unwrap(), &[]).unwrap_err().to_string();
+            let wanted = format!("`sweep.{place}` sets `{key}`, and `sweep.evaluate_with` sets it again");
+            assert!(said.starts_with(&wanted), "{evaluation}: {said}");
+        }
+        assert_eq!(
+            of(&with("set = { 'eval.x' = 2, 'data.test' = ['a'] }")),
+            Ok(()),
+            "of validations; of its own corpora"
+        );
+        let text =
+            format!("[sweep]\nbase = 'b'\nseeds = [1]\n{}", with("")).replace("'eval.x' = 8", "'data.test' = ['b']");
+        let set = |set: &str| Plan::new(file(&text), &[set.into()]).map(drop).map_err(|e| e.to_string());
+        let wanted =
+            "--set data.test=['c']: `sweep.evaluate_with` sets `data.test` for every evaluation; change it there";
+        assert!(set("data.test=['c']").unwrap_err().starts_with(wanted));
+        assert!(set("data={ test = ['c'] }").is_err() && set("data.validate=test").is_ok());
         // What all have by default may be another in some.
         assert_eq!(of(&format!("set = {{ 'a.x' = 1 }}\n{product}")), Ok(()));
         assert_eq!(of("set = { 'a.x' = 1 }\n[[sweep.arms]]\nname = 'n'\nset = { 'a.x' = 3 }"), Ok(()));

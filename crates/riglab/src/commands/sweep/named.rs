@@ -26,6 +26,7 @@ pub fn without_cluster(config: &Config, file: &SweepFile) -> Result<(), ConfigEr
         of("sweep.set", file.set.keys().collect()),
         of("sweep.product", file.product.keys().collect()),
         of("sweep.zip", file.zip.keys().collect()),
+        of("sweep.evaluate_with", file.evaluate_with.keys().collect()),
     ]
     .into_iter()
     .chain(file.arms.iter().enumerate().map(|(k, arm)| of(&format!("sweep.arms[{k}].set"), arm.set.keys().collect())))
@@ -90,6 +91,24 @@ fn beside(file: &Path, named: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_asked_of_a_cluster_is_no_change_of_jobs() {
+        let said = |more: &str| {
+            let text = format!("[sweep]\nbase = 'b'\nseeds = [0]\n{more}\n");
+            let config = presets::parse("s.toml", &text, &[]).unwrap();
+            without_cluster(&config, &file_of(&config).unwrap()).map_err(|e| e.to_string())
+        };
+        assert_eq!(said("set = { 'train.steps' = 3 }"), Ok(()));
+        for (place, more) in [
+            ("set", "set = { 'slurm.time' = '8:00:00' }"),
+            ("evaluate_with", "evaluate = true\nevaluate_with = { 'slurm.time' = '8:00:00' }"),
+            ("arms[0].set", "[[sweep.arms]]\nname = 'a'\nset = { slurm = { cpus = 4 } }"),
+        ] {
+            let said = said(more).unwrap_err();
+            assert!(said.contains(&format!("sweep.{place}")) && said.contains("the table [slurm]"), "{said}");
+        }
+    }
 
     #[test]
     fn a_base_is_looked_for_beside_its_sweep() {
