@@ -1,26 +1,65 @@
-//! Columns that are other quantities at each point, such as a total of rewards under other weights, or of other assets: they
-//! are shown, but neither ranked nor tested.
+//! Columns that are other quantities at each point, such as a total of rewards under other weights, or of other assets, or of
+//! assets that runs were trained on: they are shown, but neither ranked nor tested.
 
-use crate::values::EVALUATION;
+use riglab_report::counted;
+
+use crate::values::{EVALUATION, Numbers};
 use crate::{MetricOf, Results};
 
 /// Why a column of other assets is none to rank by.
 const OTHER: &str = "runs of other corpora";
 
+/// Why a column of assets that a run was trained on is none to rank by.
+const SEEN: &str = "assets that runs were trained on";
+
 impl Results {
     /// These columns, each with the settings that make it so.
     pub(crate) fn not_comparable(&self) -> Option<String> {
-        let of = |m: &MetricOf| match self.is_mixed(&m.of) {
-            true => Some(OTHER.into()),
-            false => self.losses.apart_in(&m.of),
-        };
-        let reasons: Vec<Option<String>> = self.metrics.iter().map(of).collect();
-        if !reasons.is_empty() && reasons.iter().all(|reason| reason.as_deref() == Some(OTHER)) {
-            return Some(OTHER.into());
+        let reasons: Vec<Option<String>> = self.metrics.iter().map(|m| self.apart_in(m)).collect();
+        if let Some(Some(first)) = reasons.first()
+            && [OTHER, SEEN].contains(&first.as_str())
+            && reasons.iter().all(|reason| reason.as_ref() == Some(first))
+        {
+            return Some(first.clone());
         }
         let own = self.metrics.iter().zip(reasons);
         let own: Vec<String> = own.filter_map(|(m, reason)| Some(format!("{} ({})", m.head(), reason?))).collect();
         (!own.is_empty()).then(|| own.join(", "))
+    }
+
+    /// Why points may be neither ranked nor tested by a column.
+    fn apart_in(&self, metric: &MetricOf) -> Option<String> {
+        let of = &metric.of;
+        match (self.is_mixed(of), of.starts_with(EVALUATION) && self.has_seen()) {
+            (true, _) => Some(OTHER.into()),
+            (false, true) => Some(SEEN.into()),
+            (false, false) => self.losses.apart_in(of),
+        }
+    }
+
+    /// Whether a run was evaluated on assets that were trained on.
+    fn has_seen(&self) -> bool {
+        self.numbers.iter().any(|numbers| !numbers.seen.is_empty())
+    }
+
+    /// Sentences on evaluations that say nothing of new assets, as these were trained on, and on those with other models than
+    /// the runs': with these runs.
+    pub fn not_their_own(&self) -> Vec<String> {
+        let runs =
+            || self.outcomes.iter().zip(&self.numbers).map(|(o, n)| (format!("{}, seed {}", o.point, o.seed), n));
+        let seen = |(run, numbers): (String, &Numbers)| {
+            let first = numbers.seen.first()?;
+            let such_as = if numbers.seen.len() > 1 { ", such as" } else { "," };
+            Some(format!("{run} ({}{such_as} `{first}`)", counted(numbers.seen.len(), "asset")))
+        };
+        let seen: Vec<String> = runs().filter_map(seen).collect();
+        let other = |(run, numbers): (String, &Numbers)| {
+            (!numbers.other_models.is_empty()).then(|| format!("{run} ({})", numbers.other_models.join("; ")))
+        };
+        let others: Vec<String> = runs().filter_map(other).collect();
+        let said = |what: &str, runs: Vec<String>| (!runs.is_empty()).then(|| format!("{what}: {}", runs.join("; ")));
+        let seen = said("evaluated on assets that were trained on, of which figures say nothing of new assets", seen);
+        seen.into_iter().chain(said("evaluated with other models than they were trained with", others)).collect()
     }
 
     /// Whether a number is not of the same assets in all runs: one of their evaluations by what these looked at, else by what
@@ -32,8 +71,7 @@ impl Results {
 
     /// Whether points may be ranked and tested by a column.
     pub(crate) fn comparable(&self, column: usize) -> bool {
-        let of = &self.metrics[column].of;
-        self.losses.apart_in(of).is_none() && !self.is_mixed(of)
+        self.apart_in(&self.metrics[column]).is_none()
     }
 }
 
@@ -84,6 +122,24 @@ mod tests {
         for note in [note, of_tests] {
             assert!(note.contains("not comparable between points: reward (reward.weights)."), "{note}");
         }
+    }
+
+    #[test]
+    fn what_was_measured_on_assets_that_were_trained_on_is_neither_ranked_nor_tested() {
+        let mut results = results([5.0, 5.0], ["a", "a"]);
+        assert!(results.not_their_own().is_empty());
+        results.numbers[1].seen = vec!["fox".into(), "cat".into()];
+        results.numbers[4].seen = vec!["fox".into()];
+        results.numbers[5].other_models = vec!["skin.run names another model".into()];
+        let (table, apart) = (results.table(), results.differences().unwrap());
+        assert_eq!([3, 4, 5].map(|column| table.rows[1][column].strong), [true, true, false]);
+        assert!(apart.rows.iter().all(|row| row[0].text != "IoU") && apart.rows.len() == 2);
+        let said = "not comparable between points: IoU (assets that runs were trained on).";
+        assert!(table.note.contains(said) && apart.note.contains(said), "{}", table.note);
+        let said = "Evaluated on assets that were trained on, of which figures say nothing of new assets: a, seed 2 (2 assets, \
+                    such as `fox`); b, seed 2 (1 asset, `fox`). Evaluated with other models than they were trained with: b, \
+                    seed 3 (skin.run names another model).";
+        assert!(table.note.ends_with(said), "{}", table.note);
     }
 
     #[test]

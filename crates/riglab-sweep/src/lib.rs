@@ -12,7 +12,8 @@
 //!
 //! Holds: every job has a row in the results, failed ones with the reason; jobs join others only where these would have
 //! the same settings and find the same corpora now, and runs of different corpora, or beside networks of the same name with
-//! other weights, are named below their table. Only jobs that failed may get other settings; what they left is kept apart.
+//! other weights, or that were trained on what they are tested on, are named below their table. Only jobs that failed may get
+//! other settings; what they left is kept apart.
 //! Leaves out: what a run does. Whoever calls says how a job's config is made and which commands train and evaluate.
 
 mod absent;

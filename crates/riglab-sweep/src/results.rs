@@ -11,7 +11,7 @@ use crate::figures::{figures, learning, spread};
 use crate::seeds::Spread;
 use crate::settle::write;
 use crate::unit::{column, factor};
-use crate::values::Numbers;
+use crate::values::{EVALUATION, Numbers};
 use crate::{Better, FigureOf, Job, MetricOf, Plan, State, SweepError, attempts};
 
 /// A job with its numbers.
@@ -142,6 +142,13 @@ impl Results {
         }
         for sentence in self.mixed().into_iter().chain(self.retrained()) {
             table.note += &format!(" {}.", sentence.replacen('n', "N", 1));
+        }
+        let sets = self.plan.sweep.evaluation_sets();
+        if !sets.is_empty() && self.metrics.iter().any(|metric| metric.of.starts_with(EVALUATION)) {
+            table.note += &format!(" Settings of the evaluations that are not the runs': {}.", sets.join("; "));
+        }
+        for sentence in self.not_their_own() {
+            table.note += &format!(" {}.", sentence.replacen('e', "E", 1));
         }
         table
     }
@@ -364,12 +371,8 @@ impl Results {
             blocks.push(Block::Table(self.status()));
         }
         blocks.push(Block::Heading("To repeat it".into()));
-        let changes = |j: &Job| {
-            let sets = j.sets.iter().flat_map(|set| ["--set", set.as_str()]);
-            let command = shell::command(["train", j.base.as_str()].into_iter().chain(sets));
-            format!("# {}, seed {}\n{command}", j.point, j.seed)
-        };
-        blocks.push(Block::Folded("Jobs".into(), self.plan.jobs.iter().map(changes).collect::<Vec<_>>().join("\n")));
+        let jobs = self.plan.jobs.iter().zip(&self.numbers).map(|(job, numbers)| self.commands(job, numbers));
+        blocks.push(Block::Folded("Jobs".into(), jobs.collect::<Vec<_>>().join("\n")));
         let subtitle = format!(
             "{} {}: {} finished, {} failed",
             self.outcomes.len(),
@@ -380,6 +383,21 @@ impl Results {
         let question = &self.plan.sweep.question;
         let title = if question.is_empty() { "Sweep".to_owned() } else { question.clone() };
         Page { kind: PageKind::Sweep, title, subtitle, blocks }
+    }
+
+    /// What trains a job by hand and, where the sweep does so, evaluates the run that this makes.
+    fn commands(&self, job: &Job, numbers: &Numbers) -> String {
+        let with = |words: &[&str], sets: &[String]| {
+            let sets = sets.iter().flat_map(|set| ["--set", set.as_str()]);
+            shell::command(words.iter().copied().chain(sets))
+        };
+        let train = format!("# {}, seed {}\n{}", job.point, job.seed, with(&["train", &job.base], &job.sets));
+        let words: &[&str] =
+            if numbers.without_best { &["eval", "RUN", "--checkpoint", "last"] } else { &["eval", "RUN"] };
+        match self.plan.sweep.evaluate {
+            true => format!("{train}\n{}", with(words, &self.plan.sweep.evaluation_sets())),
+            false => train,
+        }
     }
 }
 
@@ -542,6 +560,40 @@ mod tests {
         for more in ["", "evaluate = true\n[[sweep.metrics]]\nof = 'eval/iou@val'\n"] {
             assert!(!note(more).contains("sweep.metrics"), "{more}");
         }
+    }
+
+    #[test]
+    fn what_evaluations_were_made_with_stands_below_the_table_and_beside_the_jobs() {
+        let dir = tempfile::tempdir().unwrap();
+        let page = |evaluation: &str, best: &str| {
+            let text = format!(
+                "[sweep]\nbase = 'b'\nseeds = [1]\n{evaluation}\n[[sweep.metrics]]\nof = 'eval.json:iou'\nname = 'IoU'\n"
+            );
+            let config = riglab_config::Config::from_toml_str("s.toml", &text).unwrap();
+            let plan = Plan::new(config.get_at("sweep").unwrap(), &[]).unwrap();
+            let run = dir.path().join(&plan.jobs[0].folder);
+            std::fs::create_dir_all(&run).unwrap();
+            std::fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+            let sets = serde_json::json!(plan.sweep.evaluation_sets());
+            let eval = format!("{{\"checkpoint\": {{\"best\": {best}}}, \"set\": {sets}, \"iou\": 0.5}}");
+            std::fs::write(run.join("eval.json"), eval).unwrap();
+            let results = Results::read(dir.path(), &plan);
+            let jobs = results.page(dir.path()).blocks.into_iter().find_map(|block| match block {
+                Block::Folded(_, text) => Some(text),
+                _ => None,
+            });
+            (results.table().note, jobs.unwrap())
+        };
+        let (note, jobs) = page("evaluate = true\nevaluate_with = { 'eval.x' = 8, 'data.test' = ['a b'] }", "[1, 0.5]");
+        assert!(
+            note.ends_with(" Settings of the evaluations that are not the runs': data.test=[\"a b\"]; eval.x=8."),
+            "{note}"
+        );
+        let wanted = "riglab eval RUN --set 'data.test=[\"a b\"]' --set 'eval.x=8'";
+        assert!(jobs.contains("riglab train b --set 'train.seed=1'\n") && jobs.ends_with(wanted), "{jobs}");
+        let (note, jobs) = page("evaluate = true", "null");
+        assert!(jobs.ends_with("\nriglab eval RUN --checkpoint last") && !note.contains("Settings of"), "{jobs}");
+        assert!(page("", "[1, 0.5]").1.ends_with("riglab train b --set 'train.seed=1'"));
     }
 
     #[test]

@@ -27,6 +27,10 @@ pub(crate) struct Numbers {
     pub companions: Companions,
     /// Whether its evaluation is of a checkpoint though none was the run's best.
     pub without_best: bool,
+    /// The assets of its evaluation that it was trained on, or a model that it builds on.
+    pub seen: Vec<String>,
+    /// What its evaluation says of models that it took in the place of the run's.
+    pub other_models: Vec<String>,
 }
 
 impl Numbers {
@@ -37,8 +41,19 @@ impl Numbers {
         let evaluated = asked.iter().filter_map(found).collect();
         let without_best = evaluation.pointer("/checkpoint/best").is_some_and(Value::is_null);
         let info = info(run);
-        let (trained_on, evaluated_on) = (trained_on(&info), looked_at(&evaluation));
-        Self { last: last(run), evaluated, trained_on, evaluated_on, companions: companions(run, &info), without_best }
+        let words = |key: &str| -> Vec<String> {
+            evaluation[key].as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+        };
+        Self {
+            last: last(run),
+            evaluated,
+            trained_on: trained_on(&info),
+            evaluated_on: looked_at(&evaluation),
+            companions: companions(run, &info),
+            without_best,
+            seen: words("trained_on"),
+            other_models: words("other_models"),
+        }
     }
 
     /// The number that [`crate::MetricOf::of`] names; `None` where there is none.
@@ -209,5 +224,9 @@ mod tests {
         assert!(numbers.value("eval/y").unwrap().is_nan());
         assert_eq!(numbers.value("eval/z"), None);
         assert_eq!(numbers.value("eval.json:x"), None);
+        let evaluation = r#"{"x": 2, "trained_on": ["fox", "cat"], "other_models": ["skin.run names another"]}"#;
+        std::fs::write(dir.path().join("eval.json"), evaluation).unwrap();
+        let numbers = Numbers::read(dir.path(), &["eval.json:x".into()]);
+        assert_eq!((numbers.seen.len(), numbers.other_models.len()), (2, 1));
     }
 }

@@ -287,6 +287,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     for sentence in results.retrained() {
         tell!("warning: {sentence}; what differs may be their doing");
     }
+    results.not_their_own().iter().for_each(|sentence| tell!("warning: {sentence}"));
     for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
         tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
     }
