@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use std::process::Command;
 
-use binary::{config, corpus, must, refusal, riglab, text};
+use binary::{config, corpus, corpus_of, must, refusal, riglab, text};
 
 /// Kills of the broken sweep.
 const KILLS: usize = 3;
@@ -224,7 +224,9 @@ fn an_arm_that_failed_is_corrected_and_the_rest_stays() {
 #[test]
 fn runs_that_learn_from_different_corpora_are_evaluated_on_the_same() {
     let dir = tempfile::tempdir().unwrap();
-    let [many, few] = [("many", 12), ("few", 9)].map(|(name, count)| corpus(&dir.path().join(name), count));
+    // Other creatures: none of what is tested on in one was learned from in the other.
+    let many = corpus(&dir.path().join("many"), 12);
+    let few = corpus_of(&dir.path().join("few"), 9, "500..900");
     let (file, out) = (dir.path().join("toy.toml"), dir.path().join("out"));
     let more = "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n";
     let base = config(dir.path(), &many, more);
@@ -243,14 +245,30 @@ fn runs_that_learn_from_different_corpora_are_evaluated_on_the_same() {
     let run = |point: &str, name: &str| fs::read_to_string(out.join(format!("jobs/{point}/seed-1/{name}"))).unwrap();
 
     // What no evaluation can have, and one that none is made with, are refused before anything runs.
+    let all_in = |split: &str| {
+        let made = dir.path().join(format!("{split}.h5"));
+        must(&["dataset", "import", text(&many.with_file_name("files")), "-o", text(&made), "--all-in", split]);
+        format!("evaluate = true\nevaluate_with = {{ 'eval.cuts' = [0.1, 0.2], 'data.corpora' = ['{}'] }}", text(&made))
+    };
+    let (untested, unchosen) = (all_in("train"), all_in("test_new"));
     for (evaluation, said) in [
         ("evaluate_with = { 'eval.prefixes' = [4] }", "add `evaluate = true`"),
         ("evaluate = true\nevaluate_with = { 'train.steps' = 3 }", "an evaluation cannot change"),
         ("evaluate = true\nevaluate_with = { 'eval.prefix' = [4] }", "prefixes"),
+        // And what would be told after the training alone.
+        ("evaluate = true\nevaluate_with = { 'data.corpora' = ['nowhere.h5'] }", "nowhere.h5: no such corpus"),
+        ("evaluate = true\nevaluate_with = { 'data.test' = ['tset_new'] }", "no asset in `tset_new`; their splits are"),
+        ("evaluate = true\nevaluate_with = { 'data.test' = ['test_new', 'tset'] }", "no asset in `tset`; their splits"),
+        (
+            untested.as_str(),
+            "no asset in `test_seen` nor in `test_new`; their splits are `train` (12); name splits with assets in data.test",
+        ),
+        (unchosen.as_str(), "no asset in `val` (data.validate) by which to choose one of eval.cuts"),
+        ("evaluate = true\nset = { 'data.test' = [] }", "sweep.evaluate: data.test names no split to evaluate"),
     ] {
         write(evaluation);
         let refused = refusal(&mut riglab(&args));
-        assert!(refused.contains("evaluate_with") && refused.contains(said) && !out.exists(), "{refused}");
+        assert!(refused.contains("evaluate") && refused.contains(said) && !out.exists(), "{refused}");
     }
     write("evaluate = true");
     let said = sweep();
@@ -271,6 +289,27 @@ fn runs_that_learn_from_different_corpora_are_evaluated_on_the_same() {
     let before = fs::metadata(out.join("jobs/few/seed-1/eval.json")).unwrap().modified().unwrap();
     sweep();
     assert_eq!(fs::metadata(out.join("jobs/few/seed-1/eval.json")).unwrap().modified().unwrap(), before);
+
+    // What is only to be evaluated asks for nothing that it learned from.
+    fs::copy(&many, &few).unwrap();
+    write(&format!("evaluate = true\nevaluate_with = {{ 'data.corpora' = ['{}'], 'eval.cuts' = [0.1] }}", text(&many)));
+    sweep();
+    assert_eq!(run("few", "run.json"), trained);
+    write("evaluate = true");
+    let refused = refusal(&mut riglab(&args));
+    assert!(refused.contains("corpus.h5 has changed"), "{refused}");
+    // And the best of what runs learned by heart is none.
+    let train = format!("'data.corpora' = ['{}'], 'data.test' = ['train', 'test_new']", text(&many));
+    write(&format!("evaluate = true\nevaluate_with = {{ {train} }}"));
+    let said = sweep();
+    assert!(
+        said.contains("warning: evaluated on assets that were trained on") && said.contains("many, seed 1 ("),
+        "{said}"
+    );
+    let table = fs::read_to_string(out.join("table.md")).unwrap();
+    let noted = "not comparable between points: assets that runs were trained on";
+    assert!(table.contains(noted) && !table.contains("Differences") && table.contains("data.test="), "{table}");
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("riglab eval RUN --set"));
 }
 
 #[test]

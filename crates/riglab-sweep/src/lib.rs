@@ -41,4 +41,4 @@ pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};
 pub use settle::{Fit, REPLACED};
-pub use state::{State, hold_evaluation, is_held};
+pub use state::{State, hold_evaluation, is_held, is_trained};

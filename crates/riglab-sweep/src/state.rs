@@ -44,7 +44,7 @@ impl State {
     /// Of one job of the sweep in `folder`.
     pub fn of(folder: &Path, plan: &Plan, job: &Job, attempts: &[Attempt]) -> Self {
         let run = folder.join(&job.folder);
-        let finished = info(&run)["outcome"] == "finished";
+        let finished = is_trained(&run);
         if finished && (!plan.sweep.evaluate || speaks_for(&run, &plan.sweep.evaluation_sets())) {
             return Self::Finished;
         }
@@ -83,11 +83,16 @@ pub(crate) fn info(run: &Path) -> Value {
     serde_json::from_str(&text).unwrap_or_default()
 }
 
+/// Whether a run's training is over: of its job an evaluation is left at most.
+pub fn is_trained(run: &Path) -> bool {
+    info(run)["outcome"] == "finished"
+}
+
 /// Whether a process is at a run: training in its folder or, once that is done, evaluating it there. Both hold their lock
 /// as long as they live. An evaluation of a run that is not done yet stands in nobody's way.
 pub fn is_held(run: &Path) -> bool {
     let held = |name: &str| riglab_files::is_locked(&run.join(name));
-    held(TRAINED) || (held(EVALUATED) && info(run)["outcome"] == "finished")
+    held(TRAINED) || (held(EVALUATED) && is_trained(run))
 }
 
 /// The right to evaluate a run into its folder, as long as what it gives lives: a sweep that outlives its process finds it

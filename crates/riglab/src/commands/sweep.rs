@@ -127,7 +127,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         for job in &plan.jobs {
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
-        for missing in missing(&plan, &folder, &anew)? {
+        for missing in missing(&plan, &folder, &anew, args)? {
             tell!("warning: {missing}: no such corpus; the jobs that read it would fail");
         }
         return Ok(ExitCode::SUCCESS);

@@ -1,26 +1,27 @@
 //! What refuses the jobs of a sweep before anything is written: settings that no run or evaluation can have, files that are not
-//! found from here, corpora that have changed.
+//! found from here, evaluations without an asset, corpora that have changed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
-use riglab_data::Corpus;
+use anyhow::{Context, Result, anyhow, bail};
+use riglab_data::{Corpus, SplitNames};
 use riglab_report::shell::{command, quoted};
-use riglab_sweep::{Job, Plan};
+use riglab_sweep::{Job, Plan, is_trained};
+use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::models;
 
 use super::begun::Begun;
 use super::{Args, settings_of, settled, unsound};
-use crate::commands::eval::{fits, with_their_weights};
+use crate::commands::eval::{fits, sets_key, with_their_weights};
 use crate::commands::shown;
-use crate::commands::train::whole;
+use crate::commands::train::{tell_untested, untested, whole};
 use crate::registry::TaskConfig;
 
-/// Corpora of jobs that are not there.
-pub(super) fn missing(plan: &Plan, folder: &Path, anew: &[String]) -> Result<BTreeSet<String>> {
+/// Corpora of jobs that are to be done which are not there.
+pub(super) fn missing(plan: &Plan, folder: &Path, anew: &[String], args: &Args) -> Result<BTreeSet<String>> {
     let mut missing = BTreeSet::new();
-    for job in &plan.jobs {
+    for job in plan.left(folder, again(anew, args)) {
         let corpora = corpora_of(plan, (folder, anew), job).map_err(|e| unsound(job, &e))?;
         missing.extend(corpora.iter().filter(|path| !path.exists()).map(|path| path.display().to_string()));
     }
@@ -32,21 +33,26 @@ fn job_settings(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Tas
     job_settings_with(plan, place, job, &[])
 }
 
-/// The settings that a job is evaluated with, where they are not those of its training.
+/// The settings that a job is evaluated with, where it is.
 ///
 /// # Errors
 /// Where no evaluation can have them.
 fn evaluation_settings(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Option<TaskConfig>> {
-    let sets = plan.sweep.evaluation_sets();
-    if sets.is_empty() {
+    if !plan.sweep.evaluate {
         return Ok(None);
     }
+    let sets = plan.sweep.evaluation_sets();
     let read = || {
         let config = job_settings_with(plan, place, job, &with_their_weights(&sets))?;
         fits(&job_settings(plan, place, job)?, &config)?;
         Ok::<_, anyhow::Error>(config)
     };
-    read().map(Some).context("sweep.evaluate_with")
+    read().map(Some).context(said_by(plan))
+}
+
+/// The key of the sweep's file that says how its runs are evaluated.
+fn said_by(plan: &Plan) -> &'static str {
+    if plan.sweep.evaluate_with.is_empty() { "sweep.evaluate" } else { "sweep.evaluate_with" }
 }
 
 fn job_settings_with(
@@ -62,18 +68,31 @@ fn job_settings_with(
     }
 }
 
-/// The corpora that a job reads, in training and in its evaluation.
-fn corpora_of(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Vec<PathBuf>> {
-    let mut corpora = job_settings(plan, place, job)?.data().corpora.clone();
-    if let Some(config) = evaluation_settings(plan, place, job)? {
-        let more = config.data().corpora.iter().filter(|path| !corpora.contains(path)).cloned();
-        corpora.extend(more.collect::<Vec<_>>());
-    }
-    Ok(corpora)
+/// Whether nothing is left of a job but its evaluation.
+fn is_over(place: (&Path, &[String]), job: &Job) -> bool {
+    let (folder, anew) = place;
+    is_trained(&folder.join(&job.folder)) && !anew.contains(&job.shown())
+}
+
+/// The settings of what is left of a job: of its training, unless that is over, and of its evaluation.
+fn settings_left(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<Vec<TaskConfig>> {
+    let training = (!is_over(place, job)).then(|| job_settings(plan, place, job)).transpose()?;
+    Ok(training.into_iter().chain(evaluation_settings(plan, place, job)?).collect())
+}
+
+/// The corpora that a job still reads, in training and in its evaluation.
+fn corpora_of(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<BTreeSet<PathBuf>> {
+    Ok(settings_left(plan, place, job)?.iter().flat_map(|config| config.data().corpora.clone()).collect())
+}
+
+/// The jobs that are begun again though they failed: those that are to be tried again, and what has other settings now, which
+/// is begun anew without being asked for.
+fn again(anew: &[String], args: &Args) -> impl Fn(&Job) -> bool + Copy {
+    move |job| args.retry || anew.contains(&job.shown())
 }
 
 /// What refuses jobs before anything is written: another sweep's folder, where the plan is of a file, files that are not
-/// found from here, and corpora that have changed. Returns the jobs that would be begun anew.
+/// found from here, evaluations that could but fail, and corpora that have changed. Returns the jobs that would be begun anew.
 pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
     let mut anew = Vec::new();
     if is_of_file(args) {
@@ -91,9 +110,10 @@ pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<Strin
         }
     }
     let mut sums = BTreeMap::new();
-    // What failed and has other settings now is begun anew without being asked for.
-    let again = |job: &Job| args.retry || anew.contains(&job.shown());
-    within_reach(plan, (folder, &anew), &plan.left(folder, again), args)?;
+    let again = again(&anew, args);
+    let left = plan.left(folder, again);
+    within_reach(plan, (folder, &anew), &left, args)?;
+    measurable(plan, (folder, &anew), &left)?;
     plan.same_corpora(folder, again, |job| {
         let paths = corpora_of(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?;
         // Of one that cannot be opened its jobs tell.
@@ -121,11 +141,8 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
     let known = !begun.folder.as_os_str().is_empty();
     for job in left.iter().filter(|_| known && begun.folder != here) {
         // Of settings that cannot be read the job tells.
-        let Ok(config) = job_settings(plan, place, job) else { continue };
-        let mut paths = files_of(&config)?;
-        if let Ok(Some(evaluation)) = evaluation_settings(plan, place, job) {
-            paths.extend(files_of(&evaluation)?);
-        }
+        let Ok(all) = settings_left(plan, place, job) else { continue };
+        let paths = all.iter().map(files_of).collect::<Result<Vec<_>>>()?.concat();
         let Some(path) = begun.lost(&paths) else { continue };
         let named = args.sweep.as_deref().unwrap_or_default();
         let named = if Path::new(named).exists() { whole(Path::new(named)) } else { named.to_owned() };
@@ -148,6 +165,58 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
         );
     }
     Ok(())
+}
+
+/// Refuses evaluations that could but fail, now and not after hours of training: on corpora that are not there, do not go
+/// together, or have no asset in any of the splits. Of corpora that a job trains on, its training tells at once.
+fn measurable(plan: &Plan, place: (&Path, &[String]), left: &[&Job]) -> Result<()> {
+    let splits_are_named = sets_key(&plan.sweep.evaluation_sets(), "data.test");
+    // Whether there is an asset to choose a cut by.
+    let mut sound: Vec<(DataConfig, bool)> = Vec::new();
+    for job in left {
+        let refused = |e: anyhow::Error| unsound(job, &e.context(said_by(plan)));
+        // Of settings that cannot be read the job tells.
+        let Ok(trained) = job_settings(plan, place, job) else { continue };
+        let Some(config) = evaluation_settings(plan, place, job).map_err(|e| unsound(job, &e))? else { continue };
+        let data = config.data();
+        let known = sound.iter().find(|(own, _)| own == data).map(|(_, chooses)| *chooses);
+        let chooses = match known {
+            Some(chooses) => chooses,
+            None => {
+                let others = data.corpora.iter().any(|corpus| !trained.data().corpora.contains(corpus));
+                let assets = match Assets::of(data) {
+                    Ok((assets, ..)) => assets,
+                    Err(e) if others => return Err(refused(anyhow!(e)).into()),
+                    Err(_) => continue,
+                };
+                tested(data, &assets, splits_are_named).map_err(refused)?;
+                let chooses = !assets.split(&data.validate)?.is_empty();
+                sound.push((data.clone(), chooses));
+                chooses
+            }
+        };
+        if !chooses && config.chooses_a_cut() && !is_over(place, job) {
+            return Err(refused(anyhow!(
+                "the corpora have no asset in `{}` (data.validate) by which to choose one of eval.cuts; give one, such as \
+                 \"eval.cuts\" = [0.1]",
+                data.validate
+            ))
+            .into());
+        }
+    }
+    Ok(())
+}
+
+/// Refuses splits that have no asset: all of them, and those that are `named` for evaluations and not usual, as mistyped ones.
+fn tested(data: &DataConfig, assets: &Assets, named: bool) -> Result<()> {
+    let mut without = untested(data, assets)?;
+    if without.len() < data.test.len() {
+        without.retain(|split| named && !SplitNames::KNOWN.contains(&split.as_str()));
+    }
+    match tell_untested(&without, assets)? {
+        Some(fault) => bail!("{fault}; name splits with assets in data.test"),
+        None => Ok(()),
+    }
 }
 
 /// The files that a job's settings name: corpora, and models that it builds on.
