@@ -267,9 +267,9 @@ fn next(model: &Imported, out: &Path) -> String {
         Imported::TokenRig(_) => rigging(out),
         Imported::Skeleton(..) if out.is_file() => rigging(out),
         Imported::Skin(..) if out.is_file() => skinning(out),
-        Imported::FsqCvae(..) if out.is_file() => {
+        Imported::FsqCvae(c, _) if out.is_file() => {
             let whole = command(["checkpoint", "import", "TOKENRIG.ckpt", "--skin", &shown]);
-            format!("{whole}, or --set {} in training", setting(out))
+            format!("{whole}, or --set {} in training with data.up = \"{}\"", setting(out), c.data.up)
         }
         _ if out.is_file() => command(["checkpoint", "show", &shown]),
         _ => format!("{} --set data.corpora='[\"corpus.h5\"]'", command(["eval", &shown])),
