@@ -17,5 +17,6 @@ pub mod start;
 pub mod tokenrig;
 pub mod unirig_skeleton;
 pub mod unirig_skin;
+mod up;
 
 pub use experiment::{Examined, Experiment};
