@@ -10,6 +10,7 @@
 mod alias;
 #[cfg(test)]
 mod bodies;
+mod buckets;
 mod cloud;
 mod dense;
 mod draws;
@@ -29,6 +30,7 @@ mod system;
 mod transfer;
 pub mod voxel;
 
+pub use buckets::sorted_by_place;
 pub use cloud::{By, Cloud, CloudConfig, CloudSampler, Place};
 pub use dense::{DenseConfig, DenseSampler, near_bone};
 pub use farthest::farthest_points;

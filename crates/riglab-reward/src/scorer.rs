@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 use riglab_core::{Mesh, Similarity};
+use riglab_geom::sorted_by_place;
 use riglab_geom::voxel::{MOST_CELLS, SolidConfig, Voxels, solid};
 use serde::{Deserialize, Serialize};
 
@@ -138,7 +139,7 @@ impl Scorer {
         let mut edges: Vec<[u32; 2]> =
             mesh.triangles().iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
         edges.iter_mut().for_each(|e| e.sort_unstable());
-        edges.par_sort_unstable();
+        let mut edges = sorted_by_place(edges, positions.len(), |e| e[0] as usize);
         edges.dedup();
         let length = |e: &[u32; 2]| {
             let [a, b] = e.map(|v| glam::DVec3::from(positions[v as usize]));

@@ -4,6 +4,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use riglab_core::Mesh;
 
+use crate::buckets::sorted_by_place;
+
 /// For each triangle whether to turn it over, so that neighbours agree and each patch, taken as the skin
 /// of a body, faces outwards.
 ///
@@ -25,7 +27,7 @@ pub(super) fn turned(mesh: &Mesh) -> Vec<bool> {
             edges.push((u64::from(low) << 32 | u64::from(high), (t as u32) << 1 | u32::from(a > b)));
         }
     }
-    edges.par_sort_unstable();
+    let edges = sorted_by_place(edges, mesh.positions().len(), |(edge, _)| (edge >> 32) as usize);
     let mut neighbours = vec![[(u32::MAX, false); 3]; triangles.len()];
     let mut join = |t: u32, other: u32, differs: bool| {
         if let Some(free) = neighbours[t as usize].iter_mut().find(|(n, _)| *n == u32::MAX) {

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use riglab_core::Mesh;
 
 use super::lattice::Lattice;
+use crate::buckets::sorted_by_place;
 
 /// The half of the directions; the others are opposite. Lebedev's weights of a side's, an edge's and a
 /// corner's direction are 1/21, 4/105 and 9/280, here in parts of [`TOTAL`].
@@ -135,9 +136,7 @@ impl<'a> Sheared<'a> {
                 out
             })
             .collect();
-        let mut all = parts.concat();
-        all.sort_unstable();
-        all
+        sorted_by_place(parts.concat(), (self.size[0] * self.size[1]) as usize, |cut| (cut >> 33) as usize)
     }
 
     /// The columns that one triangle cuts.
