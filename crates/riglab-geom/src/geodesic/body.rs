@@ -163,9 +163,9 @@ impl Body {
         self.lattice.size.iter().map(|n| (n * n) as f64).sum::<f64>().sqrt()
     }
 
-    /// Longer ones of [`Self::part`] run past the lattice.
+    /// Longer ones of [`Self::part`] run past the lattice. With room for rounding.
     pub(super) fn longest(&self) -> f32 {
-        (FAR * self.across()) as f32
+        (FAR * self.across()) as f32 + 1.0
     }
 
     fn unbounded(&self, p: [f32; 3]) -> [f64; 3] {
