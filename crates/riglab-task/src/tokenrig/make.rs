@@ -83,8 +83,8 @@ pub struct GeneratedRig {
     /// How far the skeleton is from the draws on average, where one of several was chosen by agreement: the mean of J2J, J2B
     /// and B2B ([`riglab_metric::apart_from`]). What is far from them is mostly far from what an artist would make.
     pub apart: Option<f64>,
-    /// How many joints stood for all of a given skeleton, where it has more than the model reads: what these hold was shared
-    /// out to the others by how near their bones are.
+    /// How many joints of a given skeleton stood for all of those that may hold something, where it has more of them than the
+    /// model reads: what these hold was shared out to the others by how near their bones are.
     pub thinned: Option<usize>,
     /// Which of the draws it is.
     pub sample: usize,

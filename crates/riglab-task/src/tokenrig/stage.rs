@@ -160,7 +160,7 @@ impl Rigger {
     }
 
     /// The skeleton of a drawn rig, or the given one, in the mesh's own axes, its weights, and how many joints of a given one
-    /// were read where not all were.
+    /// that may hold something were read where not all were.
     ///
     /// # Errors
     /// As [`Self::make`].
@@ -186,13 +186,12 @@ impl Rigger {
         let own = |codes| in_order(codes, &read.encoded.order, read.skeleton.len());
         let skins: Vec<_> = skins.into_iter().map(own).collect();
         let in_cube = stage.in_cube(skeleton)?;
-        let hold = (wish.holders_of(skeleton), hold);
+        let (thinned, hold) = (read.thinned(wish.holders_of(skeleton)), (wish.holders_of(skeleton), hold));
         let weights = self.read_skin((&stage.cube, &in_cube), (read, stage.map), &skins, wish.seed, hold)?;
         // A turn of axes and back rounds nothing, but turns by less than a quarter do: given joints stay what they are.
         let mut heads: Vec<_> = skeleton.heads().iter().map(|&p| up.back(stage.facing.back(p))).collect();
         let own = wish.skeleton.map_or(&[][..], Skeleton::heads);
         heads[..own.len()].copy_from_slice(own);
-        let thinned = read.stands.is_some().then(|| read.skeleton.len());
         Ok((skeleton.with_heads(heads).map_err(|e| e.to_string())?, weights, thinned))
     }
 }

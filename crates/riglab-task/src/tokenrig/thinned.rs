@@ -21,6 +21,22 @@ pub(super) struct ReadSkeleton<'a> {
     pub stands: Option<Vec<usize>>,
 }
 
+impl ReadSkeleton<'_> {
+    /// How many of the joints that may hold something (`holders`: as for [`Rigger::read`]) were read, where not all were.
+    pub(super) fn thinned(&self, holders: Option<&[bool]>) -> Option<usize> {
+        let (mut next, mut read, mut all) = (0, 0, 0);
+        for (j, &of) in self.stands.iter().flatten().enumerate() {
+            // What is read stands for itself, and for joints after it.
+            let own = of == next;
+            next += usize::from(own);
+            if holders.is_none_or(|able| able[j]) {
+                (read, all) = (read + usize::from(own), all + 1);
+            }
+        }
+        (read < all).then_some(read)
+    }
+}
+
 impl Rigger {
     /// A skeleton as the model reads it; one of more joints or tokens than it takes is thinned out, see [`Thinning`].
     /// `holders`: whether each joint may hold anything; any may where it is not told.
@@ -286,6 +302,14 @@ mod tests {
         assert_eq!(thinned(&skeleton, None, 1), (vec!["j0".into()], vec![0; 5]));
         let holders = [true, true, true, false, true];
         assert_eq!(thinned(&skeleton, Some(&holders), 4).1, [0, 1, 2, 2, 3]);
+        // Of those that hold something it is told how many are read, where one is not.
+        let mut rigger = untrained(Head::Levels, true);
+        let mut told = |joints, holders| {
+            (rigger.config.limits.joints, rigger.config.limits.tokens) = (joints, 100);
+            rigger.read(&skeleton, Similarity::NONE, holders).unwrap().thinned(holders)
+        };
+        assert_eq!([told(5, None), told(4, None), told(3, None)], [None, Some(4), Some(3)]);
+        assert_eq!([told(4, Some(&holders)), told(3, Some(&holders))], [None, Some(3)]);
         assert!(!{
             let mut one = Thinning::new(&chain(&[0.0]), None);
             one.contract()
