@@ -24,7 +24,7 @@ use std::fmt;
 use std::io;
 use std::path::Path;
 
-use riglab_core::{Asset, Clip, Provenance, Rig, Skeleton};
+use riglab_core::{Asset, Clip, HumanBone, Provenance, Rig, Skeleton};
 use thiserror::Error;
 
 use crate::warning::{of_number, rounded};
@@ -334,6 +334,12 @@ impl fmt::Display for ExportNote {
                      have the nodes go, too",
                     extensions.join(", ")
                 )
+            }
+            // All that a body must have.
+            Self::NotHuman { lacking }
+                if lacking.len() == HumanBone::all().filter(|bone| bone.is_required()).count() =>
+            {
+                f.write_str("its joints are no human body, without which programs that read VRM will refuse it")
             }
             Self::NotHuman { lacking } => write!(
                 f,

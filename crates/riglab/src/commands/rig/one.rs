@@ -48,8 +48,14 @@ pub fn rig(
     let subject = Subject::read(from, &options)?;
     drop(reading);
     let mut notes = Vec::new();
+    let mut of_vrm = None;
     for note in subject.notes() {
         let said = match (note, bones) {
+            // Which of it is there again is known when all is written.
+            (SubjectNote::Stripped(ExportNote::VrmDropped { parts }), Bones::Predicted { .. }) => {
+                of_vrm = Some(parts.clone());
+                continue;
+            }
             (SubjectNote::RigIgnored { joints }, Bones::Given { from: Given::Kept, .. }) => {
                 let joints = counted(*joints, "joint");
                 format!("the file already has a rig ({joints}): its joints are kept, its weights are made anew")
@@ -110,8 +116,9 @@ pub fn rig(
     let added = given.as_ref().filter(|_| wish.complete).map(|given| joints - given.len());
     let about = || from.display().to_string();
     if let Some(read) = made.thinned {
+        let (all, hold) = if held > 0 { (held, " that hold vertices") } else { (joints, "") };
         let note = format!(
-            "{joints} joints are more than this model reads, or take more tokens: it gave weights to {read} of them, which \
+            "{all} joints{hold} are more than this model reads, or take more tokens: it gave weights to {read} of them, which \
              share these with the others beside them by distance; check hair, clothes and fingers"
         );
         noted(from, &mut notes, note);
@@ -183,6 +190,9 @@ pub fn rig(
     let writing = spinner("writing");
     let exported = subject.attach(&rig, &args.export())?;
     drop(writing);
+    if let Some(note) = of_vrm.and_then(|parts| left_of_vrm(parts, rig.humanoid().len())) {
+        noted(from, &mut notes, note);
+    }
     for note in exported.notes.iter().filter(said) {
         tell!("note: {}: {note}", in_line(from.display()));
     }
@@ -217,6 +227,17 @@ pub fn rig(
         }
     }
     Ok(())
+}
+
+/// What went with the old rig of a VRM, where the new one has so many human bones of its own.
+fn left_of_vrm(mut parts: Vec<&'static str>, human: usize) -> Option<String> {
+    if human == 0 {
+        return Some(ExportNote::VrmDropped { parts }.to_string());
+    }
+    parts.retain(|part| *part != "humanoid");
+    let made = format!("its {} are of the new rig", counted(human, "human bone"));
+    let gone = (!parts.is_empty()).then_some(ExportNote::VrmDropped { parts });
+    gone.map(|gone| format!("{made}; {gone}"))
 }
 
 /// What a person should know of a template that was asked for.
@@ -413,4 +434,19 @@ fn alike(a: impl Iterator<Item = Vec3>, b: impl Iterator<Item = Vec3>) -> bool {
     let (Some(a), Some(b)) = (Bounds::of(a), Bounds::of(b)) else { return false };
     let room = 0.05 * a.diagonal();
     (0..3).all(|k| (a.min[k] - b.min[k]).abs() <= room && (a.max[k] - b.max[k]).abs() <= room)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_a_vrm_only_what_is_not_there_again_is_told_as_gone() {
+        let parts = || vec!["humanoid", "firstPerson"];
+        let gone = " (of VRM) referred to the old rig and";
+        assert_eq!(left_of_vrm(parts(), 0).unwrap(), format!("humanoid, firstPerson{gone} were removed with it"));
+        let told = left_of_vrm(parts(), 18).unwrap();
+        assert_eq!(told, format!("its 18 human bones are of the new rig; firstPerson{gone} was removed with it"));
+        assert_eq!(left_of_vrm(vec!["humanoid"], 18), None);
+    }
 }
