@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use riglab_config::Config;
 use serde_json::Value;
 use thiserror::Error;
 
@@ -179,10 +180,28 @@ impl RunView {
             let checksum: String = d[1].as_str().unwrap_or_default().chars().take(12).collect();
             add("corpus", format!("{} ({checksum})", d[0].as_str().unwrap_or_default()));
         }
+        for (key, file, checksum) in self.companions() {
+            let file = if file.is_empty() { "the model that comes with riglab" } else { &file };
+            add(&key, format!("{file} ({checksum})"));
+        }
         if self.cut_off > 0 {
             add("lines cut off in the logs", self.cut_off.to_string());
         }
         facts
+    }
+
+    /// The models that the run was made with: the key that names each, what stands there, and the begin of its checksum.
+    fn companions(&self) -> Vec<(String, String, String)> {
+        let read = Config::from_toml_str("config.toml", &self.config);
+        let leaves = read.map(|config| config.leaves()).unwrap_or_default();
+        let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
+        let of = |pair: &Value| {
+            let key = word(&pair[0]);
+            let named = leaves.iter().find(|leaf| leaf.path == key)?;
+            let file = named.value.trim_matches(['"', '\'']).to_owned();
+            Some((key, file, word(&pair[1]).chars().take(12).collect()))
+        };
+        self.info["companions"].as_array().into_iter().flatten().filter_map(of).collect()
     }
 
     /// Steps a second, of all that the log tells of: its lines are of as many steps as lie between them.
@@ -458,6 +477,16 @@ mod tests {
         let fact = |name: &str| facts.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_str());
         assert_eq!((fact("threads"), fact("device")), (Some("2, then 8"), Some("cpu, then cuda:0, then cpu")));
         assert!(matches!(&run.repeat()[1], Block::Code(c) if c.starts_with("riglab train 'a b.toml'\n")));
+        // What it was made with is told by the key that names it.
+        let mut info: Value = serde_json::from_str(INFO).unwrap();
+        info["companions"] =
+            json!([["start.model", "0123456789abcdef"], ["skin.run", "fedcba9876543210"], ["other", "0"]]);
+        let config = "[start]\nmodel = \"runs/a\"\n[skin]\nrun = \"\"\n";
+        let dir = folder(&[("config.toml", config), ("run.json", &info.to_string())]);
+        let facts = RunView::read(dir.path()).unwrap().fact_list();
+        let made: Vec<_> = facts.iter().filter(|(name, _)| name.contains('.')).map(|(n, v)| (&**n, &**v)).collect();
+        let ours = "the model that comes with riglab (fedcba987654)";
+        assert_eq!(made, [("start.model", "runs/a (0123456789ab)"), ("skin.run", ours)]);
         // Before the first line there is nothing to draw.
         let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
         assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));

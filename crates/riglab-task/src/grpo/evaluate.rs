@@ -414,7 +414,8 @@ impl GrpoTask {
             ));
         }
         let (convention, reward_weights) = ("unirig".into(), Some(self.config.reward.weights));
-        Ok((Report { convention, reward_weights, rows, gains, assets }, sheets))
+        let without_weights = self.policy.rigger().is_none();
+        Ok((Report { convention, reward_weights, without_weights, rows, gains, assets }, sheets))
     }
 
     fn sheet(&self, id: AssetId, was: &Outcome, is: &Outcome) -> Result<Option<Sheet>, String> {
@@ -424,11 +425,14 @@ impl GrpoTask {
         let (Some(old), Some(new)) = (self.rig(&held, &was.drawn)?, self.rig(&held, &is.drawn)?) else {
             return Ok(None);
         };
+        // A skeleton model says nothing of what its bones hold.
+        let of = if self.policy.rigger().is_some() { "parts" } else { "nearest bones" };
+        let parts = |when: &str| format!("{of} {when}");
         let cells = [
             (format!("before, {:.3}", was.rewards.total), render_skeleton(&old, &view)),
             (format!("after, {:.3}", is.rewards.total), render_skeleton(&new, &view)),
-            ("parts before".to_owned(), render_parts(&old, &view)),
-            ("parts after".to_owned(), render_parts(&new, &view)),
+            (parts("before"), render_parts(&old, &view)),
+            (parts("after"), render_parts(&new, &view)),
         ];
         let view = Turntable::of(&[("true", &truth), ("before", &old), ("after", &new)]);
         Ok(Some(Sheet { png: contact_sheet(&cells, 4, Theme::Light).to_png(), view }))

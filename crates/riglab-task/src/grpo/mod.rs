@@ -29,6 +29,7 @@ use riglab_data::Mixture;
 use riglab_nn::grpo::{Policies, objective};
 use riglab_nn::params::{Params, Weights};
 use riglab_random::{Draw, stream};
+use riglab_report::counted;
 use riglab_train::{At, Better, Checkpoint, Loss, Source, State, Task, Validation};
 use tch::{Device, Kind, Tensor};
 
@@ -83,6 +84,8 @@ pub struct GrpoTask {
     policy: Box<dyn Policy>,
     /// Where it started, and what it is held to.
     start: Weights,
+    /// What that is called, and how long it was trained; nothing where nobody asks.
+    begins: Option<String>,
     /// What is gone over.
     rollout: RefCell<Option<Rollout>>,
     /// The start on the validation split, once it is known.
@@ -99,17 +102,20 @@ impl GrpoTask {
     /// # Errors
     /// A sentence: a model or a corpus that cannot be read, or a split without assets.
     pub fn new(config: GrpoTaskConfig, device: Device) -> Result<Self, String> {
-        match Start::open(&config, device)? {
-            Start::Rigs(start, _) => Self::with(config, &start, device),
+        let (task, card) = match Start::open(&config, device)? {
+            Start::Rigs(start, card) => (Self::with(config, &start, device)?, card),
             Start::Skeletons(start) => {
                 if config.reward.weights.judge_weights() {
                     return Err(UNJUDGED.into());
                 }
                 config.suits(&start.config.tokenizer)?;
                 let policy = SkeletonTask::on_meshes(skeleton_config(&config, &start.config), device)?;
-                Self::of(config, Box::new(policy), &start.params)
+                (Self::of(config, Box::new(policy), &start.params)?, start.card)
             }
-        }
+        };
+        let (name, steps) = (card.name, counted(card.state.step as usize, "step"));
+        let begins = format!("it starts from start.model, {name}, which was trained for {steps}");
+        Ok(Self { begins: Some(begins), ..task })
     }
 
     /// As [`Self::new`], with the model to start from.
@@ -127,7 +133,16 @@ impl GrpoTask {
         policy.params().load(&named).map_err(|e| e.to_string())?;
         let start = policy.params().weights().detached_copy();
         let (meshes, held) = (Arc::new(Cache::of(&config.data, 2)), Cache::of(&config.data, 2));
-        Ok(Self { config, policy, start, rollout: RefCell::default(), first: Cell::new(None), meshes, held })
+        Ok(Self {
+            config,
+            policy,
+            start,
+            begins: None,
+            rollout: RefCell::default(),
+            first: Cell::new(None),
+            meshes,
+            held,
+        })
     }
 
     /// Whether a run's settings are of skeletons alone: of a model that makes no weights.
@@ -373,7 +388,8 @@ impl Experiment for GrpoTask {
     fn notes(&self) -> Vec<String> {
         let (c, policy) = (&self.config, &self.policy);
         let idle = config::idle(c, policy.vae().is_some(), policy.up());
-        policy.notes().into_iter().chain(config::unread(&c.eval)).chain(idle).collect()
+        let begins = self.begins.clone().into_iter();
+        begins.chain(policy.notes()).chain(config::unread(&c.eval)).chain(idle).collect()
     }
 
     fn warnings(&self) -> Vec<String> {

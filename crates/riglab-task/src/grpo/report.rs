@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::experiment::{pictures, views};
 use crate::unirig_skeleton::Row as SkeletonRow;
-use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_columns};
+use crate::unirig_skeleton::report::{SKELETONS_OF_SKINTOKENS, SKELETONS_OF_UNIRIG, skeleton_columns, too_many};
 
 /// Means of a model on a split.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -28,6 +28,9 @@ pub struct Report {
     /// Of coverage, containment, skinning and motion, in the reward; nothing where an earlier version wrote it.
     #[serde(default)]
     pub reward_weights: Option<RewardWeights>,
+    /// Whether the model draws skeletons alone: there are no skin weights that rewards could judge.
+    #[serde(default)]
+    pub without_weights: bool,
     /// Before and after, of each split and way to make rigs.
     pub rows: Vec<Row>,
     /// What became of each such pair.
@@ -118,22 +121,24 @@ pub fn lines(report: &Report) -> Vec<String> {
     };
     let names = rewards(&|k| Rewards::PARTS[k].name.into());
     let mut out = vec![format!(
-        "{:12} {:15} {:>6} {:>7}{names} {:>7} {:>8} {:>7} {:>7} {:>7}",
-        "split", "model", "rigs", "reward", "valid %", "compared", "J2J", "J2B", "B2B"
+        "{:12} {:15} {:>6} {:>7}{names} {:>7} {:>8} {:>7} {:>7} {:>7} {:>7} {:>7}",
+        "split", "model", "rigs", "reward", "valid %", "compared", "J2J", "J2B", "B2B", "joints", "true"
     )];
     for Row { rewards: r, skeletons: s } in &report.rows {
         out.push(format!(
-            "{:12} {:15} {:>6} {:>7.4}{} {:>7.1} {:>8} {:>7.3} {:>7.3} {:>7.3}",
+            "{:12} {:15} {:>6} {:>7.4}{} {:>7.1} {:>8} {:>7.3} {:>7.3} {:>7.3} {:>7.1} {:>7.1}",
             s.split,
             s.method,
             s.assets,
             r.total,
-            rewards(&|k| format!("{:.4}", r.parts()[k])),
+            rewards(&|k| Cell::number(report.parts(*r)[k], 4).text),
             100.0 * s.valid,
             s.compared,
             100.0 * s.j2j,
             100.0 * s.j2b,
-            100.0 * s.b2b
+            100.0 * s.b2b,
+            s.joints,
+            s.true_joints
         ));
     }
     let [names, symbols] = [|p: &riglab_reward::Part| p.name, |p: &riglab_reward::Part| p.symbol]
@@ -145,6 +150,14 @@ pub fn lines(report: &Report) -> Vec<String> {
     ));
     out.extend(report.gains.iter().zip(report.rows.chunks_exact(2)).map(|(gain, pair)| verdict(gain, pair)));
     out
+}
+
+impl Report {
+    /// Parts of a reward, in the order of [`Rewards::PARTS`]; NaN of those that nothing was there to judge by.
+    fn parts(&self, rewards: Rewards) -> Vec<f64> {
+        let judged = |part: &Part| !(self.without_weights && part.of_weights);
+        Rewards::PARTS.iter().zip(rewards.parts()).map(|(part, r)| if judged(part) { r } else { f64::NAN }).collect()
+    }
 }
 
 impl Evaluation {
@@ -184,12 +197,12 @@ impl Evaluation {
         let reward = || Metric::higher("reward", "riglab", 4).defined_by(&["reward"]);
         let totals_of = skeleton_columns(of, |r: &Row| [r.skeletons.j2j, r.skeletons.j2b, r.skeletons.b2b])
             .with(reward(), |r| r.rewards.total);
-        let totals_of = with_parts(totals_of, |r| Some(r.rewards))
+        let totals_of = with_parts(totals_of, self.report.without_weights, |r| Some(r.rewards))
             .with(Metric::higher("valid %", of, 1), |r| 100.0 * r.skeletons.valid);
         let after = |a: &AssetRow| [a.after.distances.j2j, a.after.distances.j2b, a.after.distances.b2b];
         let mut singles_of = skeleton_columns(of, after).with(reward(), |a| a.after.reward);
         if self.report.assets.iter().all(|a| a.after.rewards.is_some()) {
-            singles_of = with_parts(singles_of, |a| a.after.rewards);
+            singles_of = with_parts(singles_of, self.report.without_weights, |a| a.after.rewards);
         }
         let total = |r: &Row| {
             let s = &r.skeletons;
@@ -222,7 +235,8 @@ impl Evaluation {
     fn table(&self) -> Table {
         let parts = Rewards::PARTS.iter().map(|part| format!("{} {}", part.name, part.symbol));
         let before = ["split", "model", "rigs", "reward"].map(String::from).into_iter();
-        let after = ["valid %", "compared", "J2J × 100", "J2B × 100", "B2B × 100"].map(String::from);
+        let after =
+            ["valid %", "compared", "J2J × 100", "J2B × 100", "B2B × 100", "joints", "true joints"].map(String::from);
         let head: Vec<String> = before.chain(parts).chain(after).collect();
         let title = format!("Rewards, and distances × 100 (of the cube's edge; convention {})", self.report.convention);
         let mut table = Table { caption: title, head, ..Table::default() };
@@ -231,9 +245,10 @@ impl Evaluation {
                 table.line();
             }
             let mut cells = vec![Cell::text(&s.split), Cell::text(&s.method), Cell::count(s.assets)];
-            cells.extend(std::iter::once(r.total).chain(r.parts()).map(|x| Cell::number(x, 4)));
+            cells.extend(std::iter::once(r.total).chain(self.report.parts(*r)).map(|x| Cell::number(x, 4)));
             cells.extend([Cell::number(100.0 * s.valid, 1), Cell::count(s.compared)]);
             cells.extend([s.j2j, s.j2b, s.b2b].map(|x| Cell::number(100.0 * x, 3)));
+            cells.extend([s.joints, s.true_joints].map(|x| Cell::number(x, 1)));
             table.row(cells);
         }
         let weights = match self.report.reward_weights {
@@ -254,24 +269,31 @@ impl Evaluation {
              The reward is higher, the distances are lower for a better rig; a rig that cannot be decoded has reward 0. \
              Distances are means over the rigs that can be compared, those with a bone; the sentences above are over meshes \
              with such rigs before and after. The reward is the sum of these, each from 0 to 1, weighted by the run's \
-             {weights}: {asked}. A skeleton model makes no weights: its skinning and motion are 0."
+             {weights}: {asked}.{}",
+            if self.report.without_weights {
+                " The model makes no skin weights that skinning and motion could judge."
+            } else {
+                ""
+            }
         );
         table
     }
 }
 
 /// With a column for each part of the reward, which are comparable where its weights are not the same.
-fn with_parts<R>(columns: Columns<R>, of: fn(&R) -> Option<Rewards>) -> Columns<R>
+/// `without_weights`: as in [`Report`].
+fn with_parts<R>(columns: Columns<R>, without_weights: bool, of: fn(&R) -> Option<Rewards>) -> Columns<R>
 where
     R: 'static,
 {
+    let judged = |part: &Part| !(without_weights && part.of_weights);
     let with = |columns: Columns<R>, (k, part): (usize, &Part)| {
         let settings: Vec<String> = part.settings.iter().map(|key| format!("reward.{key}")).collect();
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
         let metric = Metric::higher(&format!("{} {}", part.name, part.symbol), "riglab", 4).defined_by(&settings);
         columns.with(metric, move |row| of(row).map_or(f64::NAN, |r| r.parts()[k]))
     };
-    Rewards::PARTS.iter().enumerate().fold(columns, with)
+    Rewards::PARTS.iter().enumerate().filter(|(_, part)| judged(part)).fold(columns, with)
 }
 
 fn verdict(gain: &Gain, pair: &[Row]) -> String {
@@ -291,10 +313,11 @@ fn verdict(gain: &Gain, pair: &[Row]) -> String {
         return reward + ".";
     }
     format!(
-        "{reward}, J2J × 100 by {}; J2B × 100 is {}, B2B × 100 {}.",
+        "{reward}, J2J × 100 by {}; J2B × 100 is {}, B2B × 100 {}.{}",
         change(&gain.j2j, 100.0),
         moved(s.j2b, t.j2b),
-        moved(s.b2b, t.b2b)
+        moved(s.b2b, t.b2b),
+        too_many(t)
     )
 }
 
@@ -338,11 +361,10 @@ mod tests {
         let bare = "meshes: over 7 meshes the mean reward changed by +0.100 (95 % interval +0.050 to +0.200)";
         assert_eq!(said(0), format!("{bare}."));
         assert!(said(7).starts_with(&format!("{bare}, J2J × 100 by +10.000")), "{}", said(7));
-        assert!(
-            said(7).ends_with("J2B × 100 is 20.000, 10.000 before, B2B × 100 20.000, 10.000 before."),
-            "{}",
-            said(7)
-        );
+        // Many joints lie near everything.
+        let told = "J2B × 100 is 20.000, 10.000 before, B2B × 100 20.000, 10.000 before. Its skeletons have 9.0 joints on average, \
+                    the true ones 1.0: look at them before you trust these distances.";
+        assert!(said(7).ends_with(told), "{}", said(7));
     }
 
     #[test]
@@ -352,8 +374,24 @@ mod tests {
             "j2b": 0.1, "b2b": 0.1, "valid": 1.0, "joints": 9.0, "true_joints": 1.0, "joints_off": 8.0});
         let row = Row { rewards, skeletons: serde_json::from_value(skeletons).unwrap() };
         let (convention, reward_weights) = ("unirig".into(), Some(RewardWeights::default()));
-        let report = Report { convention, reward_weights, rows: vec![row], gains: Vec::new(), assets: Vec::new() };
-        let lines = lines(&report);
+        let mut report = Report {
+            convention,
+            reward_weights,
+            without_weights: false,
+            rows: vec![row],
+            gains: Vec::new(),
+            assets: Vec::new(),
+        };
+        let shown = lines(&report);
+        // Of a model without skin weights two of them cannot be judged.
+        report.without_weights = true;
+        let alone = lines(&report);
+        assert!(
+            alone[1].contains("0.2500") && !alone[1].contains("0.5000") && !alone[1].contains("0.7500"),
+            "{alone:?}"
+        );
+        report.without_weights = false;
+        let lines = shown;
         // Heads stand above their figures.
         let ends = |line: &str, word: &str| line.find(word).unwrap() + word.len();
         for (part, value) in Rewards::PARTS.iter().zip(rewards.parts()) {
@@ -367,6 +405,16 @@ mod tests {
         assert!(table.head.len() == table.rows[0].len() && table.head[4] == "coverage R_vj", "{:?}", table.head);
         assert!(table.note.contains("reward.weights (coverage 5, containment 1, skinning 1, motion 1): coverage (R_vj), joints near all of the body; "));
         assert!(table.note.starts_with("before: the model that the run started from; "), "{}", table.note);
+        evaluation.report.without_weights = true;
+        let bare = evaluation.table();
+        assert_eq!(bare.rows[0][6..8].iter().map(|cell| &*cell.text).collect::<Vec<_>>(), ["–"; 2]);
+        assert!(bare.note.ends_with("makes no skin weights that skinning and motion could judge."), "{}", bare.note);
+        assert!(!table.note.contains("makes no skin weights"));
+        let names: Vec<String> = evaluation.findings()[0].totals_of.iter().map(|m| m.name.clone()).collect();
+        assert!(
+            names.iter().any(|n| n == "containment R_vk") && !names.iter().any(|n| n == "motion R_mo"),
+            "{names:?}"
+        );
         evaluation.other_models.push("start.model names another model".into());
         assert!(evaluation.table().note.starts_with("before: another model than the run started from, "));
     }
@@ -382,7 +430,8 @@ mod tests {
         };
         let findings = |assets: Vec<AssetRow>| {
             let (convention, reward_weights) = ("unirig".into(), Some(RewardWeights::default()));
-            let report = Report { convention, reward_weights, rows: Vec::new(), gains: Vec::new(), assets };
+            let (rows, gains) = (Vec::new(), Vec::new());
+            let report = Report { convention, reward_weights, without_weights: false, rows, gains, assets };
             let checkpoint =
                 State { task: "grpo".into(), step: 1, seed: 0, skipped: 0, skipped_in_a_row: 0, best: None };
             Evaluation { checkpoint, report, gallery: Vec::new(), other_models: Vec::new() }.findings().remove(0)

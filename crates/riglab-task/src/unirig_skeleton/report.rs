@@ -135,6 +135,18 @@ pub(crate) const SKELETONS_OF_SKINTOKENS: Beside = Beside {
 /// A column of distances: its name, and the distance of an asset.
 type Column = (&'static str, fn(&AssetRow) -> f64);
 
+/// A sentence, with a space before it, where a model's skeletons have far more or fewer joints than the true ones: a network
+/// that has not learned when to stop covers a mesh with joints, which distances like.
+pub(crate) fn too_many(model: &Row) -> String {
+    if (0.5..=2.0).contains(&(model.joints / model.true_joints)) {
+        return String::new();
+    }
+    format!(
+        " Its skeletons have {:.1} joints on average, the true ones {:.1}: look at them before you trust these distances.",
+        model.joints, model.true_joints
+    )
+}
+
 impl Evaluation {
     /// What it found, in the form in which runs are compared.
     pub fn findings(&self) -> Vec<Findings> {
@@ -171,16 +183,7 @@ impl Evaluation {
         let better = [(model.j2j, rival.j2j), (model.j2b, rival.j2b), (model.b2b, rival.b2b)];
         let better = better.iter().filter(|(a, b)| a < b).count();
         let better = ["none", "one", "two", "all three"][better];
-        // A network that has not learned when to stop covers a mesh with joints, which distances like.
-        let many = if (0.5..=2.0).contains(&(model.joints / model.true_joints)) {
-            String::new()
-        } else {
-            format!(
-                " Its skeletons have {:.1} joints on average, the true ones {:.1}: look at them before you trust these \
-                 distances.",
-                model.joints, model.true_joints
-            )
-        };
+        let many = too_many(model);
         Some(format!(
             "{split}: J2J × 100 is {:.2}; the skeleton of the nearest training shape gives {:.2}{fitted}. The model is \
              better than retrieval in {better} of the distances J2J, J2B and B2B.{many}",
