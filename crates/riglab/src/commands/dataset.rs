@@ -311,13 +311,13 @@ fn run_import(args: &Import) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The command that uses a new corpus of such splits: training on it, or what is trained already on its tests. Meshes wait for
-/// rigs beside them.
+/// The command that uses a new corpus of such splits: training on it, where there is something to validate on, or what is
+/// trained already on its tests. Meshes wait for rigs beside them.
 fn next<'a>(out: &Path, splits: impl IntoIterator<Item = &'a String>) -> Option<String> {
     let splits: BTreeSet<&str> = splits.into_iter().map(String::as_str).collect();
     let tests = || splits.iter().any(|split| split.starts_with("test"));
     match splits.contains("train") {
-        true => Some(train_on(out)),
+        true => splits.contains("val").then(|| train_on(out)),
         // Its figures beside those of the run's own corpora, not in their place.
         false => tests().then(|| command(["eval", "RUN", "--set", &as_corpora(out), "--out", "FILE.json"])),
     }
@@ -556,12 +556,13 @@ mod tests {
             next(Path::new("my rigs.h5"), &splits)
         };
         let train = r#"riglab train quickstart/fsq_cvae.toml --set 'data.corpora=["my rigs.h5"]'"#;
-        assert_eq!(of(&["train", "test_new"]).unwrap(), train);
+        assert_eq!(of(&["train", "val", "test_new"]).unwrap(), train);
         assert_eq!(
             of(&["test_new"]).unwrap(),
             r#"riglab eval RUN --set 'data.corpora=["my rigs.h5"]' --out FILE.json"#
         );
-        assert_eq!([of(&["meshes"]), of(&[""])], [None, None]);
+        // Training needs something to validate on.
+        assert_eq!([of(&["meshes"]), of(&[""]), of(&["train", "test_new"])], [None, None, None]);
     }
 
     #[test]
