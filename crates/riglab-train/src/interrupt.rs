@@ -20,15 +20,20 @@ impl Interrupt {
     /// Listens for SIGINT and SIGTERM. Only the first call of a process can; later ones give an
     /// interrupt that nobody raises.
     pub fn listening() -> Self {
-        Self::listen(true)
+        Self::listen(Some("saving after this step"))
+    }
+
+    /// As [`Self::listening`], where something else than a training is asked to leave: `what` happens then.
+    pub fn listening_for(what: &'static str) -> Self {
+        Self::listen(Some(what))
     }
 
     /// As [`Self::listening`], where all of `ranks` hear the signal: the leading one says so for all.
     pub fn listening_with(ranks: &Ranks) -> Self {
-        Self::listen(ranks.leads())
+        Self::listen(ranks.leads().then_some("saving after this step"))
     }
 
-    fn listen(says: bool) -> Self {
+    fn listen(says: Option<&'static str>) -> Self {
         let interrupt = Self::default();
         let raised = interrupt.0.clone();
         let mut first: Option<Instant> = None;
@@ -39,8 +44,8 @@ impl Interrupt {
             if raised.swap(signal.code(), Ordering::SeqCst) != 0 {
                 riglab_files::leave(signal.code().into());
             }
-            if says {
-                tell(format_args!("\ninterrupted: saving after this step (Ctrl-C again to quit at once)"));
+            if let Some(what) = says {
+                tell(format_args!("\ninterrupted: {what} (Ctrl-C again to quit at once)"));
             }
         });
         interrupt

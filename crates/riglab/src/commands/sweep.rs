@@ -17,6 +17,7 @@ use riglab_sweep::{
 };
 use riglab_train::{Interrupt, Progress, RunInfo, without_best};
 
+use super::alike::by_reason;
 use super::charts::{charts, no_file, spare};
 use super::report::write;
 use super::slurm::sweep::{Handed, run as hand_over, seen};
@@ -215,7 +216,8 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     let start = |job: &Job, stage: Stage, run: &Path| {
         process(Command::new(&own), [budget.threads, most], &plan.config(&folder, job), (stage, &evaluation), run)
     };
-    let interrupt = Interrupt::listening();
+    let interrupt =
+        Interrupt::listening_for("trainings save after this step, evaluations begin anew when the sweep goes on");
     let mut progress = Progress::new("sweeping", total, 0);
     // Hours before all is done, the first finished run tells what stays empty.
     let mut told = plan.jobs.len() == 1;
@@ -288,13 +290,17 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
         tell!("warning: {sentence}; what differs may be their doing");
     }
     results.not_their_own().iter().for_each(|sentence| tell!("warning: {sentence}"));
-    for outcome in results.outcomes.iter().filter(|o| !o.reason.is_empty()) {
-        tell!("failed: {}, seed {}: {}", outcome.point, outcome.seed, outcome.reason);
-    }
+    let reasons = results.outcomes.iter().filter(|o| !o.reason.is_empty());
+    let reasons: Vec<_> = reasons.map(|o| (format!("{}, seed {}", o.point, o.seed), o.reason.clone())).collect();
+    by_reason("failed: ", &reasons).0.iter().for_each(|line| tell!("{line}"));
     let failed = results.count("failed");
     if failed > 0 {
         let again = command(["sweep", &shown(folder)]);
-        tell!("{} failed; try again with: {again} --retry{on}", counted(failed, "job"));
+        tell!(
+            "{} failed; where settings are at fault, correct the sweep's file and give it again; else try again with: {again} \
+             --retry{on}",
+            counted(failed, "job")
+        );
     }
     let open = results.outcomes.iter().filter(|o| !["finished", "failed"].contains(&o.state.as_str()));
     let open: Vec<String> = open.map(|o| format!("`{}`, seed {} ({})", o.point, o.seed, o.state)).collect();
