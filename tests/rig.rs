@@ -295,6 +295,22 @@ fn a_folder_is_rigged_file_by_file() {
     let rigged = |entry: fs::DirEntry| joints(&inspect(&entry.path())).len();
     let all: Vec<usize> = fs::read_dir(&other).unwrap().map(|entry| rigged(entry.unwrap())).collect();
     assert!(all.len() == 2 && all.iter().all(|joints| *joints > 1), "{all:?}");
+    #[cfg(unix)]
+    {
+        // Whoever ends it is told how to go on.
+        let third = dir.path().join("third");
+        let mut child = riglab(&["rig", text(&input), "-o", text(&third)]);
+        let mut child = child.stderr(std::process::Stdio::piped()).spawn().unwrap();
+        while fs::read_dir(&third).map_or(0, Iterator::count) == 0 {
+            assert_eq!(child.try_wait().unwrap(), None, "it is not done yet");
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        rustix::process::kill_process(rustix::process::Pid::from_child(&child), rustix::process::Signal::INT).unwrap();
+        let ended = child.wait_with_output().unwrap();
+        let said = String::from_utf8_lossy(&ended.stderr);
+        let told = "of 3 models are done; the same command with --skip-existing goes on";
+        assert!(ended.status.code() == Some(130) && said.contains(told), "{said}");
+    }
     let one = dir.path().join("one.glb");
     let said = refusal(&mut riglab(&["rig", text(&made[0]), "-o", text(&one), "--skip-existing"]));
     assert!(said.contains("is for a folder of models"), "{said}");

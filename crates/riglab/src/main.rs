@@ -9,6 +9,7 @@ mod say;
 mod commands;
 mod memory;
 mod offered;
+mod parting;
 mod presets;
 mod registry;
 
@@ -57,10 +58,13 @@ enum Command {
     SlurmTask(commands::slurm::task::Args),
 }
 
-/// Takes files that are half-written along when the process is asked to leave.
+/// Takes files that are half-written along when the process is asked to leave, and tells how to go on where there is a way.
 fn leave_clean() {
     // Where signals cannot be listened to, the default ends the process all the same.
-    let _ = riglab_files::on_signals(|signal| riglab_files::leave(signal.code().into()));
+    let _ = riglab_files::on_signals(|signal| {
+        parting::tell();
+        riglab_files::leave(signal.code().into())
+    });
 }
 
 fn main() -> ExitCode {

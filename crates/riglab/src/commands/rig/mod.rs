@@ -21,6 +21,7 @@ use super::earlier::{Overwrite, Written};
 use super::glb::{Frames, Most};
 use super::{in_line, is_fbx, place_to_write, some_of};
 use model::Model;
+use riglab_report::counted;
 use riglab_report::shell::command;
 
 /// Rig a model: a skeleton and skin weights for a mesh.
@@ -96,7 +97,7 @@ struct Common {
     #[arg(long, short, value_name = "OUT", value_parser = place_to_write())]
     out: PathBuf,
     /// What is written into a folder [default: glb].
-    #[arg(long, value_name = "glb|fbx")]
+    #[arg(long, value_name = "glb|fbx", value_parser = scene)]
     to: Option<Target>,
     /// The network: a run's folder (its best checkpoint is used), the folder of one checkpoint (RUN/checkpoints/last), or a
     /// file of `riglab checkpoint export` or `import`. Its task is tokenrig or grpo; unirig_skeleton, for the skeleton; or
@@ -175,6 +176,20 @@ impl From<Ranked> for Rank {
             Ranked::Rewards => Self::Rewards,
             Ranked::Consensus => Self::Consensus,
         }
+    }
+}
+
+/// A format that a rig is written in.
+fn scene(told: &str) -> Result<Target, String> {
+    let most = if cfg!(feature = "fbx") { "glb or fbx" } else { "glb" };
+    match told.to_lowercase().parse::<Target>() {
+        Ok(target) if target.holds_scenes() => Ok(target),
+        Ok(target) => Err(format!("a rig is written as {most}; `riglab convert` then makes {target} of it")),
+        Err(_) if told.eq_ignore_ascii_case("vrm") => Err(format!(
+            "a folder's rigs are written as {most}; a VRM is written of one VRM, to an OUT that ends in .vrm, and a GLB of one \
+             holds the same"
+        )),
+        Err(_) => Err(format!("a rig is written as {most}")),
     }
 }
 
@@ -319,6 +334,10 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
     let mut progress = Progress::new("rigging", jobs.len() as u64, 0);
     let mut failed = 0;
     for (done, (from, to)) in jobs.iter().enumerate() {
+        crate::parting::set(format!(
+            "interrupted: {done} of {} are done; the same command with --skip-existing goes on",
+            counted(jobs.len(), "model")
+        ));
         if let Err(e) = one::rig(args, (bones, given.as_ref()), &model, from, to) {
             progress.line(&format!("left out: {e:#}"));
             tell_fault(args, from, &format!("{e:#}"));
@@ -327,6 +346,7 @@ fn run(args: &Common, bones: &Bones, weights: Option<&Path>, threads: usize) -> 
         progress.set(done as u64 + 1, String::new);
     }
     progress.finish();
+    crate::parting::set(String::new());
     let earlier = if there.is_empty() { String::new() } else { format!(", {} already there", there.len()) };
     let (rigged, left) = (jobs.len() - failed, failed + unread.len());
     tell_counts(args, &format!("{rigged} rigged in {}, {left} left out{earlier}", args.out.display()));
@@ -392,9 +412,6 @@ fn spare_inputs(jobs: &[(PathBuf, PathBuf)], skeleton: Option<&Path>) -> Result<
 }
 
 fn jobs(input: &Path, out: &Path, to: Option<Target>) -> Result<Jobs> {
-    if let Some(to) = to.filter(|to| !to.holds_scenes()) {
-        bail!("--to {to}: only GLB and FBX are written (`riglab convert` then makes {to} of them)");
-    }
     let ending = to.unwrap_or(Target::GLB).ending();
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
     if !input.is_dir() {
@@ -497,7 +514,13 @@ mod tests {
         let (input, folder) = (dir.path().join("fox.v2.obj"), dir.path().join("out/"));
         let name = |out: &Path, to| jobs(&input, out, to).map(|(jobs, _)| jobs[0].1.display().to_string());
         assert!(name(&folder.join(""), None).unwrap().ends_with("/out/fox.v2.glb"));
-        assert!(name(Path::new("a.glb"), Some(Target::OBJ)).unwrap_err().to_string().starts_with("--to obj: only GLB"));
+        let said = |told| scene(told).unwrap_err();
+        assert!(
+            scene("GLB").is_ok_and(|target| target == Target::GLB)
+                && said("blend").starts_with("a rig is written as glb")
+        );
+        assert!(said("obj").ends_with("`riglab convert` then makes obj of it"), "{}", said("obj"));
+        assert!(said("VRM").contains("an OUT that ends in .vrm"), "{}", said("VRM"));
         #[cfg(feature = "fbx")]
         {
             assert!(name(&folder.join(""), Some(Target::FBX)).unwrap().ends_with("/out/fox.v2.fbx"));
