@@ -145,10 +145,12 @@ pub fn multiplies_bf16() -> bool {
             if !has_bf16() {
                 return false;
             }
-            let amd = __cpuid(0).ecx == u32::from_le_bytes(*b"cAMD");
             // Every processor with AVX-512 knows leaf 7.
-            // SAFETY: one whose AVX-512 the system lets programs use tells what the system keeps.
-            let amx = __cpuid_count(7, 0).edx & AMX_BF16 != 0 && unsafe { _xgetbv(0) } & TILES == TILES;
+            // SAFETY: every processor of this kind tells what it is, and one whose AVX-512 the system lets programs use tells
+            // what the system keeps.
+            #[allow(unused_unsafe)] // of `__cpuid`, before Rust 1.94
+            let (name, features, kept) = unsafe { (__cpuid(0).ecx, __cpuid_count(7, 0).edx, _xgetbv(0)) };
+            let (amd, amx) = (name == u32::from_le_bytes(*b"cAMD"), features & AMX_BF16 != 0 && kept & TILES == TILES);
             amd || amx
         })
     }
