@@ -59,7 +59,7 @@ const SWITCHES: [(&str, &str); 4] = [
 ///
 /// Besides threads: huge pages for large tensors (5 to 9 % of a step), memory that is kept for the next tensor rather than
 /// given back (`memory.cpp`), few kernels kept, denormals flushed to zero (they slow sums of tiny gradients down by an order
-/// of magnitude), deterministic algorithms; as many threads for what is computed beside libtorch.
+/// of magnitude), deterministic algorithms; as many threads, and two at least, for what is computed beside libtorch.
 /// Gives the number of threads.
 pub fn init(settings: Settings) -> usize {
     static ONCE: Once = Once::new();
@@ -89,12 +89,10 @@ pub fn init(settings: Settings) -> usize {
 }
 
 /// Lets rayon, which samples sequences and prepares assets, start no more threads than were asked for: of a sweep's jobs each
-/// would start as many as there are processors. One is left alone: loaders prepare beside the step, on threads of their own,
-/// and share rayon's. So is a pool that is there already.
+/// would start as many as there are processors. It has two at least: loaders prepare beside the step, on threads of their own,
+/// and share rayon's. A pool that is there already is left alone.
 fn bound_rayon(threads: usize) {
-    if threads > 1 {
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    }
+    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.max(2)).build_global();
 }
 
 /// Starts the program anew with threads that wait patiently, unless the environment says how they are

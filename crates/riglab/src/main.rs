@@ -24,7 +24,7 @@ const VERSION: &str = env!("RIGLAB_VERSION");
 #[derive(Parser)]
 #[command(version = VERSION, about, propagate_version = true, max_term_width = 100)]
 struct Cli {
-    /// Threads of the numeric library, and of a curation; 0 takes all processors.
+    /// Threads that compute; 0 takes all processors. With 1, what a network is given is prepared on up to two others beside it.
     #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=4096))]
     threads: u16,
     #[command(subcommand)]
@@ -87,6 +87,11 @@ fn main() -> ExitCode {
     };
     if threads != 1 && computes {
         riglab_torch::wait_patiently();
+    }
+    // A network sets up its own threads, and so does a curation; jobs of a sweep are processes.
+    let sets_up = matches!(cli.command, Command::Curate(_) | Command::Sweep(_) | Command::Doctor(_));
+    if threads > 0 && !computes && !sets_up {
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
     }
     let done = match cli.command {
         Command::Rig(args) => commands::rig::rig(&args, threads),
