@@ -1,8 +1,8 @@
 //! Processes that work together: each has a rank, and all do the same thing at the same time.
 //!
 //! The one idea: **how many they are changes no number.** Sums over ranks are made pair by pair along a tree that is the
-//! same wherever its leaves stand ([`halves`]), so that a sum over two or four ranks has the bits of the sum that one
-//! rank makes of the same parts.
+//! same wherever its leaves stand ([`halves`]), so that a sum over two, four or eight ranks has the bits of the sum
+//! that one rank makes of the same parts; over three, whose parts are no halves of halves, it may round otherwise.
 //!
 //! Holds: every rank gets the same bits; a rank that cannot go on ends all of them.
 //!

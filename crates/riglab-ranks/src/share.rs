@@ -1,7 +1,6 @@
 //! Processors of ranks that share a machine.
 
 use rustix::system::uname;
-use rustix::thread::{CpuSet, sched_getaffinity};
 
 use crate::{Ranks, RanksError};
 
@@ -11,7 +10,7 @@ use crate::{Ranks, RanksError};
 /// # Errors
 /// As [`Ranks::gather`].
 pub fn processors(ranks: &Ranks) -> Result<usize, RanksError> {
-    let usable = sched_getaffinity(None).map_or_else(|_| Vec::new(), |set| cpus(&set));
+    let usable = usable();
     let machine = uname().nodename().to_string_lossy().into_owned();
     let all = ranks.gather(&(machine, usable))?;
     let (own, used): (_, Vec<&Vec<u32>>) = match all.get(ranks.rank()) {
@@ -21,8 +20,18 @@ pub fn processors(ranks: &Ranks) -> Result<usize, RanksError> {
     Ok(part(own, &used))
 }
 
-fn cpus(set: &CpuSet) -> Vec<u32> {
-    (0..CpuSet::MAX_CPU).filter(|&k| set.is_set(k)).map(|k| k as u32).collect()
+/// The numbers of the processors that this process may use.
+#[cfg(target_os = "linux")]
+fn usable() -> Vec<u32> {
+    use rustix::thread::{CpuSet, sched_getaffinity};
+    let numbers = |set: CpuSet| (0..CpuSet::MAX_CPU).filter(|&k| set.is_set(k)).map(|k| k as u32).collect();
+    sched_getaffinity(None).map_or_else(|_| Vec::new(), numbers)
+}
+
+/// Other systems do not tell which: they are taken for the first ones.
+#[cfg(not(target_os = "linux"))]
+fn usable() -> Vec<u32> {
+    (0..std::thread::available_parallelism().map_or(1, |n| n.get() as u32)).collect()
 }
 
 fn part(own: &[u32], used: &[&Vec<u32>]) -> usize {

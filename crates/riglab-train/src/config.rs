@@ -22,9 +22,9 @@ pub struct TrainConfig {
     pub steps: u64,
     /// Batches whose gradients are summed (as a mean) for one step. Tasks of plain losses compute them side by side,
     /// each on a share of the threads ([`crate::Task::beside`]): two small batches keep two processors busier than one.
-    /// Processes that train together share them. Gradients are summed by halves, so that any number of processes of a
-    /// thread gives the same bits, which takes as many sets of gradients as this number has halvings, and one for each
-    /// batch that is computed beside.
+    /// Processes that train together share them. Gradients are summed by halves, so that one, two, four or eight processes
+    /// of a thread give the same bits, which takes as many sets of gradients as this number has halvings, and one for
+    /// each batch that is computed beside.
     pub accumulate: u64,
     /// How many of them are computed at a time at most, in as many times the memory; 0 for as many as there are
     /// threads.

@@ -8,7 +8,7 @@
 //! resumed is the unbroken run, bit for bit, whatever the number of loader threads.
 //!
 //! Several processes can train together ([`riglab_ranks::Ranks`]): they share the batches of a step, so that the run is
-//! the same on any number of them.
+//! the same on one, two, four or eight of them.
 //!
 //! Holds: `metrics.jsonl` has one line a step or validation and nothing that depends on the clock
 //! (times stand in `perf.jsonl`); checkpoints are complete or absent; what was written before an

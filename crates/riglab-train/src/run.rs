@@ -310,10 +310,12 @@ impl RunInfo {
         })
     }
 
-    /// Whether sums round as where it was begun on so many threads of so many processes on a device.
+    /// Whether sums round as where it was begun on so many threads of so many processes on a device, whatever the number of
+    /// batches that are summed.
     pub fn rounds_as(&self, threads: usize, ranks: usize, device: &str) -> bool {
-        // Processes of a thread each are alike in any number.
-        let alike = threads == 1 || ranks.max(1) == self.ranks.max(1);
+        // Sums of a thread are made by halves: a power of two of processes each make a part of these.
+        let (now, then) = (ranks.max(1), self.ranks.max(1));
+        let alike = now == then || threads == 1 && now.is_power_of_two() && then.is_power_of_two();
         device == self.device && threads == self.threads && alike
     }
 
@@ -449,6 +451,8 @@ mod tests {
             |threads: usize, ranks: usize, device: &str| RunInfo { ranks, ..RunInfo::new("1", "t", threads, device) };
         assert!(of(2, 1, "cpu").rounds_as(2, 1, "cpu") && of(1, 4, "cpu").rounds_as(1, 1, "cpu"));
         assert!(of(2, 0, "cpu").rounds_as(2, 1, "cpu"), "one that does not say");
+        assert!(!of(1, 3, "cpu").rounds_as(1, 1, "cpu") && !of(1, 2, "cpu").rounds_as(1, 6, "cpu"), "thirds");
+        assert!(of(1, 3, "cpu").rounds_as(1, 3, "cpu"));
         assert!(!of(2, 2, "cpu").rounds_as(2, 1, "cpu") && !of(2, 1, "cuda:0").rounds_as(2, 1, "cpu"));
         assert_eq!(of(1, 1, "cpu").place(), "1 thread");
         assert_eq!(of(2, 2, "cpu").place(), "2 processes of 2 threads");

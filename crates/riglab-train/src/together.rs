@@ -31,9 +31,13 @@ impl Deal {
     pub fn new(accumulate: u64, ranks: &Ranks) -> Result<Self, (String, String)> {
         let (rank, size) = (ranks.rank() as u64, ranks.size() as u64);
         if !accumulate.is_multiple_of(size) {
+            let same = if size.is_power_of_two() {
+                format!(" (the run is then the same on one rank and on {size}, with a thread each)")
+            } else {
+                String::new()
+            };
             let message = format!(
-                "accumulate = {accumulate} batches a step cannot be shared by {size} ranks; make it a multiple of \
-                 {size} (the run is then the same on one rank and on {size}, with a thread each)"
+                "accumulate = {accumulate} batches a step cannot be shared by {size} ranks; make it a multiple of {size}{same}"
             );
             return Err(("accumulate".into(), message));
         }

@@ -42,8 +42,8 @@ use riglab_report::{counted, explained};
 /// requeued whenever its time limit ends it.
 ///
 /// Started as several processes by mpirun or srun, it shares the batches of each step (train.accumulate of them, a
-/// multiple of the number of processes) among them: with a thread each, the run is the same on any
-/// number; it can be resumed on another.
+/// multiple of the number of processes) among them: with a thread each, the run is the same on one, two, four
+/// or eight; it can be resumed on another number.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
