@@ -16,6 +16,7 @@ mod mpi;
 mod notebooks;
 mod preflight;
 mod shell;
+mod skipped;
 mod tools;
 mod venv;
 
@@ -123,6 +124,10 @@ fn test(extra: &[String]) -> Result<()> {
         all => all,
     };
     let mut args = vec!["test", "--release", "--workspace"];
-    args.extend(extra.iter().map(String::as_str));
-    shell::cargo(&args)
+    if !extra.is_empty() {
+        args.extend(extra.iter().map(String::as_str));
+        return shell::cargo(&args);
+    }
+    // Passing tests say nothing then, those that were skipped neither.
+    skipped::tests(&[&args[..], &["--", "--show-output"]].concat())
 }

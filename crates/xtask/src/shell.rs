@@ -26,9 +26,15 @@ pub fn built(name: &str) -> PathBuf {
 
 /// Runs cargo in the workspace; its output goes to the user.
 pub fn cargo(args: &[&str]) -> Result<()> {
+    run(&mut cargo_command(args))
+}
+
+/// Cargo in the workspace, told to the user.
+pub fn cargo_command(args: &[&str]) -> Command {
     eprintln!("$ cargo {}", args.join(" "));
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    run(Command::new(cargo).args(args).current_dir(root()))
+    let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    command.args(args).current_dir(root());
+    command
 }
 
 /// Runs a command to its end; an exit code other than 0 is an error.
