@@ -1,5 +1,6 @@
 //! `cargo xtask bench`: hands over to the benchmarks' own binary.
 
+use std::path::Path;
 use std::process::Command;
 
 use anyhow::Result;
@@ -8,6 +9,7 @@ use crate::{mpi, shell};
 
 /// Runs the benchmarks named in `args`.
 pub fn run(args: &[String]) -> Result<()> {
+    let args = &placed(args, &std::env::current_dir()?);
     if names(args).any(|name| name.starts_with("mpi")) {
         // It starts the program itself as several processes.
         mpi::prepare()?;
@@ -20,8 +22,27 @@ pub fn run(args: &[String]) -> Result<()> {
     shell::cargo(&all)
 }
 
+/// The benchmarks' options that name a file or a folder.
+const PLACES: [&str; 2] = ["--json", "--pictures"];
+
 /// The benchmarks' options whose next word is a value.
 const VALUED: [&str; 4] = ["--json", "--pictures", "--threads", "--rounds"];
+
+/// The same arguments with files and folders as they are meant from `here`: cargo starts the program elsewhere.
+fn placed(args: &[String], here: &Path) -> Vec<String> {
+    let whole = |path: &str| here.join(path).display().to_string();
+    let mut before = "";
+    let mut out = Vec::with_capacity(args.len());
+    for arg in args {
+        out.push(match arg.split_once('=') {
+            _ if PLACES.contains(&before) => whole(arg),
+            Some((option, path)) if PLACES.contains(&option) => format!("{option}={}", whole(path)),
+            _ => arg.clone(),
+        });
+        before = arg;
+    }
+    out
+}
 
 /// The words that name cases.
 fn names(args: &[String]) -> impl Iterator<Item = &str> {
@@ -32,7 +53,9 @@ fn names(args: &[String]) -> impl Iterator<Item = &str> {
 
 #[cfg(test)]
 mod tests {
-    use super::names;
+    use std::path::Path;
+
+    use super::{names, placed};
 
     #[test]
     fn values_of_options_name_no_case() {
@@ -42,6 +65,13 @@ mod tests {
         };
         assert_eq!(of("step --json mpi.json --no-compile mpi/2ranks"), ["step", "mpi/2ranks"]);
         assert_eq!(of("--json=mpi.json --threads 2 m"), ["m"]);
+        let line = |args: Vec<String>| args.join(" ");
+        let here = |of: &str| line(placed(&of.split(' ').map(String::from).collect::<Vec<_>>(), Path::new("/here")));
+        assert_eq!(
+            here("step --json a.json --pictures=p --threads 2 m=x"),
+            "step --json /here/a.json --pictures=/here/p --threads 2 m=x"
+        );
+        assert_eq!(here("--json /b/a.json"), "--json /b/a.json");
         // Each option of the benchmarks that takes a value is known here.
         let cli = include_str!("../../riglab-bench/src/main.rs");
         let fields = cli.split("struct Cli {").nth(1).and_then(|rest| rest.split("\n}").next()).unwrap_or_default();
