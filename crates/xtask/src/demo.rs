@@ -5,7 +5,7 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
@@ -82,7 +82,19 @@ pub fn run(options: &Options) -> Result<()> {
     let corpus = out.join("corpus.h5");
     if !corpus.exists() {
         say("2/6", "a corpus: one HDF5 file, checked, with splits");
-        riglab(&["dataset", "import", &shown(&folder), "-o", &shown(&corpus)])?;
+        // Under its name once it is known to do.
+        let begun = out.join("begun.h5");
+        riglab(&["dataset", "import", &shown(&folder), "-o", &shown(&begun)])?;
+        let lacks = lacking(&output(&["dataset", "stats", &shown(&begun), "--json"])?);
+        if !lacks.is_empty() {
+            bail!(
+                "{}: too few kinds of skeletons to train on some and look at others: no model is in {}; give the demo more \
+                 models, or beside them a split.json that says which are for what (data_prep/README.md)",
+                shown(&folder),
+                lacks.join(" and ")
+            );
+        }
+        std::fs::rename(&begun, &corpus).with_context(|| format!("{} cannot be written", shown(&corpus)))?;
         riglab(&["dataset", "stats", &shown(&corpus)])?;
     }
     let run = out.join("run");
@@ -122,6 +134,14 @@ pub fn run(options: &Options) -> Result<()> {
     std::fs::rename(&written, &report).with_context(|| format!("{} cannot be written", shown(&report)))?;
     ending(&[&report, &gains], &corpus, start.elapsed(), input.is_some());
     Ok(())
+}
+
+/// The splits that training and evaluation need and a corpus lacks, by what `riglab dataset stats --json` says of it.
+fn lacking(stats: &str) -> Vec<&'static str> {
+    let has = |split: &str| stats.contains(&format!("\"{split}\":"));
+    let tests = ["test_seen", "test_new"].into_iter().any(has);
+    let needed = [("train", has("train")), ("val", has("val")), ("test_seen or test_new", tests)];
+    needed.into_iter().filter(|(_, there)| !there).map(|(split, _)| split).collect()
 }
 
 /// What a demo makes in its folder, all of it under the names of somebody else's work, too.
@@ -177,14 +197,30 @@ fn say(step: &str, what: &str) {
     println!("\n[{step}] {what}");
 }
 
+/// A command of the product.
+fn product(args: &[&str]) -> Command {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut all: Vec<OsString> = ["run", "--quiet", "--release", "--bin", "riglab", "--"].map(Into::into).into();
+    all.extend(args.iter().map(Into::into));
+    let mut command = Command::new(cargo);
+    command.args(all).current_dir(shell::root());
+    command
+}
+
+/// What a command of the product prints.
+fn output(args: &[&str]) -> Result<String> {
+    let out = product(args).stderr(Stdio::inherit()).output().context("cannot start cargo")?;
+    if !out.status.success() {
+        bail!("`riglab {}` failed; its message is above", args.join(" "));
+    }
+    Ok(String::from_utf8_lossy(&out.stdout).into_owned())
+}
+
 /// Runs a command of the product as a user would, and shows it.
 fn riglab(args: &[&str]) -> Result<()> {
     let command = args.iter().map(|a| quoted(a)).collect::<Vec<_>>().join(" ");
     println!("$ riglab {command}");
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut all: Vec<OsString> = ["run", "--quiet", "--release", "--bin", "riglab", "--"].map(Into::into).into();
-    all.extend(args.iter().map(Into::into));
-    let status = Command::new(cargo).args(all).current_dir(shell::root()).status().context("cannot start cargo")?;
+    let status = product(args).status().context("cannot start cargo")?;
     match status.code() {
         Some(0) => Ok(()),
         // Ctrl-C, a terminal that hung up, a system that ends programs.
@@ -231,6 +267,17 @@ mod tests {
         // A mark that stands over the sign before it, and a space that breaks no line.
         assert_eq!(of("/e\u{301}\u{a0}x.h5"), "data.corpora=[\"/e\u{301}\u{a0}x.h5\"]");
         assert_eq!(of("/a\"b\\c\n\u{7f}"), r#"data.corpora=["/a\"b\\c\u000a\u007f"]"#);
+    }
+
+    #[test]
+    fn a_corpus_of_a_demo_has_something_to_train_on_and_something_to_look_at() {
+        let of = |splits: &[&str]| {
+            let rows: Vec<String> = splits.iter().map(|split| format!("\"{split}\":{{\"assets\":1}}")).collect();
+            lacking(&format!("{{{}}}", rows.join(",")))
+        };
+        assert!(of(&["all", "train", "val", "test_new"]).is_empty());
+        assert_eq!(of(&["all", "train"]), ["val", "test_seen or test_new"]);
+        assert_eq!(of(&["all", "train_extra", "val", "test_seen"]), ["train"]);
     }
 
     #[test]
