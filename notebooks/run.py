@@ -20,7 +20,7 @@ def run(path):
         where = f"{path.name}, cell {number} of {len(code)}"
         try:
             exec(compile("".join(cell["source"]), where, "exec"), names)
-        except Exception as e:
+        except (Exception, SystemExit) as e:
             raise SystemExit(f"{where}: {type(e).__name__}: {e}") from e
     print(f"{path.name}: {len(code)} cells")
 

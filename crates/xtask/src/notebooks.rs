@@ -19,8 +19,8 @@ pub fn run() -> Result<()> {
     shell::cargo(&["test", "--release", "--workspace", "--test", "notebooks", "--", "--nocapture"])?;
     let python = python.display();
     println!(
-        "The notebooks run with {python}. To open them: {python} -m pip install notebook, then\n\
-         {python} -m notebook notebooks/ (without pip in it: python3 -m pip --python {python} install notebook)"
+        "The notebooks run with {python}. To open them: python3 -m pip --python {python} install notebook, then\n\
+         {python} -m notebook notebooks/"
     );
     Ok(())
 }
