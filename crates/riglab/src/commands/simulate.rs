@@ -58,7 +58,8 @@ pub struct Args {
     /// For how long; motions of the file are cut there [default: 4, or the whole motion].
     #[arg(long, value_name = "S")]
     seconds: Option<f64>,
-    /// Seeds how fast, how far and which way `shake`, `turn` and `hop` go: same seed, same file.
+    /// Seeds how fast, how far and which way `shake`, `turn` and `hop` go, and the points by which --attributes looks at the
+    /// model: same seed, same file.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Which length bones have while they move.
