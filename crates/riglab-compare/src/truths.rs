@@ -1,6 +1,6 @@
 //! The true rigs.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -90,29 +90,43 @@ impl Truths {
     }
 
     /// Leaves out what lies in the folders, or is one of the files, that systems are from, where these are below the folder of
-    /// true rigs, be it by a link: predictions are nobody's truth. A note says so.
+    /// true rigs, be it by a link: predictions are nobody's truth. A note says so. Links to single files of systems that lie
+    /// elsewhere stay: whoever puts true rigs together from them means them.
     ///
     /// # Errors
     /// When there is nothing else.
     pub fn leave_out<'a>(&mut self, systems: impl IntoIterator<Item = &'a Path>) -> Result<(), CompareError> {
         let real = |path: &Path| path.canonicalize().ok();
         let (TruthSource::Files(files), Some(folder)) = (&mut self.source, real(&self.path)) else { return Ok(()) };
-        for system in systems {
-            // The folder itself, or one that it lies in, is compared with itself.
-            let Some(own) = real(system).filter(|own| !folder.starts_with(own)) else { continue };
-            let before = files.len();
-            files.retain(|file| !real(file).is_some_and(|file| file.starts_with(&own)));
-            let left_out = match before - files.len() {
+        // The folder itself, or one that it lies in, is compared with itself.
+        let others = systems.into_iter().filter_map(|system| Some((system, real(system)?)));
+        let others: Vec<(&Path, PathBuf)> = others.filter(|(_, own)| !folder.starts_with(own)).collect();
+        if others.is_empty() {
+            return Ok(());
+        }
+        let places = places(files);
+        let mut stays = vec![true; files.len()];
+        for (system, own) in others {
+            let is_below = own.starts_with(&folder);
+            let mut count = 0;
+            for (stays, place) in stays.iter_mut().zip(&places).filter(|(stays, _)| **stays) {
+                let of_file = if is_below { &place.leads } else { &place.lies };
+                *stays = !of_file.starts_with(&own);
+                count += usize::from(!*stays);
+            }
+            let left_out = match count {
                 0 => continue,
                 n => counted(n, "file"),
             };
             let shown = system.display();
-            if files.is_empty() {
+            if !stays.contains(&true) {
                 let why = format!(": all that is below it are the predictions in {shown}");
                 return Err(CompareError::NoTruth(self.path.clone(), why));
             }
             self.notes.push(format!("no true rigs, but predictions: {left_out} in {shown}"));
         }
+        let mut stays = stays.into_iter();
+        files.retain(|_| stays.next().unwrap_or(true));
         Ok(())
     }
 
@@ -199,6 +213,29 @@ impl Truths {
         }
         ControlFlow::Continue(())
     }
+}
+
+/// Where a file is, links of folders followed, and where it leads to if it is a link itself.
+struct Place {
+    lies: PathBuf,
+    leads: PathBuf,
+}
+
+/// Those of files, with a look at each folder.
+fn places(files: &[PathBuf]) -> Vec<Place> {
+    let mut folders: HashMap<&Path, Option<PathBuf>> = HashMap::new();
+    let mut all = Vec::new();
+    for file in files {
+        let above = file.parent().unwrap_or(Path::new(""));
+        let folder = folders.entry(above).or_insert_with(|| above.canonicalize().ok());
+        let lies = match (folder, file.file_name()) {
+            (Some(folder), Some(name)) => folder.join(name),
+            _ => file.clone(),
+        };
+        let link = lies.is_symlink().then(|| lies.canonicalize().ok()).flatten();
+        all.push(Place { leads: link.unwrap_or_else(|| lies.clone()), lies });
+    }
+    all
 }
 
 /// Why what a stage of UniRig predicts is no true rig.

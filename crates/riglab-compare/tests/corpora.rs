@@ -347,6 +347,21 @@ fn predictions_below_the_true_rigs_are_none_of_them() {
             assert!(truths.len() == 4 && truths.notes[1].contains("but predictions: 1 file in "), "{:?}", truths.notes);
         }
         std::fs::remove_file(link).unwrap();
+        // What single links of a folder lead to is meant, unless predictions lie below it.
+        let chosen = tempfile::tempdir().unwrap();
+        let link = |name: &str| std::os::unix::fs::symlink(rigged.join("a.glb"), chosen.path().join(name)).unwrap();
+        link("a.glb");
+        std::fs::copy(dir.path().join("b.glb"), chosen.path().join("b.glb")).unwrap();
+        for systems in [vec![rigged.as_path()], vec![rigged.as_path(), elsewhere.path(), dir.path()]] {
+            let mut truths = Truths::open(chosen.path(), None).unwrap();
+            truths.leave_out(systems).unwrap();
+            assert_eq!((truths.len(), &truths.notes[..]), (2, &[][..]));
+        }
+        std::os::unix::fs::symlink(rigged.join("b.glb"), dir.path().join("c.glb")).unwrap();
+        let mut truths = Truths::open(dir.path(), None).unwrap();
+        truths.leave_out([rigged.as_path()]).unwrap();
+        assert!(truths.len() == 2 && truths.notes[1].contains("but predictions: 3 files in "), "{:?}", truths.notes);
+        std::fs::remove_file(dir.path().join("c.glb")).unwrap();
     }
     ["a.glb", "b.glb"].iter().for_each(|name| std::fs::remove_file(dir.path().join(name)).unwrap());
     let said = Truths::open(dir.path(), None).unwrap().leave_out([rigged.as_path()]).unwrap_err().to_string();
