@@ -107,26 +107,20 @@ pub fn merge(
 
 /// What is put before the names of each corpus' assets: as much of the end of its path as no other has.
 fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
-    let whole: Vec<PathBuf> =
-        corpora.iter().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone())).collect();
+    let whole = |path: &PathBuf| straight(&std::path::absolute(path).unwrap_or_else(|_| path.clone()));
+    let whole: Vec<PathBuf> = corpora.iter().map(whole).collect();
     // Without its ending, unless another is called so, with its own or without.
     let named = |path: &PathBuf| {
         let bare = path.with_extension("");
         let alone = whole.iter().all(|other| other == path || *other != bare && other.with_extension("") != bare);
         if alone { bare } else { path.clone() }
     };
-    // Names begin with no root, and lead out of no folder.
-    let steps = |path: PathBuf| {
-        let mut folders: Vec<String> = Vec::new();
-        for step in path.components() {
-            match step {
-                Component::Normal(name) => folders.push(name.to_string_lossy().into_owned()),
-                Component::ParentDir => drop(folders.pop()),
-                _ => {}
-            }
-        }
-        folders
+    // Names begin with no root.
+    let name = |step: Component| match step {
+        Component::Normal(name) => Some(name.to_string_lossy().into_owned()),
+        _ => None,
     };
+    let steps = |path: PathBuf| path.components().filter_map(name).collect::<Vec<String>>();
     let paths: Vec<Vec<String>> = whole.iter().map(named).map(steps).collect();
     let end = |path: &[String], steps: usize| path[path.len().saturating_sub(steps)..].to_vec();
     let of = |path: &Vec<String>| {
@@ -138,6 +132,23 @@ fn prefixes(corpora: &[PathBuf]) -> Vec<String> {
         end(path, steps).join("/") + "/"
     };
     paths.iter().map(of).collect()
+}
+
+/// A path without steps that turn back: names lead out of no folder. After a link such a step leads out of the folder that the
+/// link leads to.
+fn straight(path: &Path) -> PathBuf {
+    let mut own = PathBuf::new();
+    for step in path.components() {
+        if step != Component::ParentDir {
+            own.push(step);
+            continue;
+        }
+        if own.is_symlink() {
+            own = own.canonicalize().unwrap_or(own);
+        }
+        own.pop();
+    }
+    own
 }
 
 /// Flips a bit of the first joint of a corpus' first asset.
@@ -238,6 +249,16 @@ mod tests {
         assert_eq!(prefixes(&[whole("/data"), whole("/mnt/data")]), ["data/rigs/", "mnt/data/rigs/"]);
         // Paths that turn back.
         assert_eq!(prefixes(&[whole("/data/sub"), whole("/data/sub/..")]), ["sub/rigs/", "data/rigs/"]);
+        let other = PathBuf::from("/data/x/../rigs.hdf5");
+        assert_eq!(prefixes(&[whole("/data"), other]), ["rigs.h5/", "rigs.hdf5/"]);
+        #[cfg(unix)]
+        {
+            let (folder, link) = (dir.path().join("a/deep"), dir.path().join("b/link"));
+            std::fs::create_dir(&folder).unwrap();
+            std::os::unix::fs::symlink(&folder, &link).unwrap();
+            assert_eq!(prefixes(&[link.join("../c.h5"), dir.path().join("b/c.h5")]), ["a/c/", "b/c/"]);
+            assert_eq!(prefixes(&[link.join("c.h5"), dir.path().join("b/c.h5")]), ["link/c/", "b/c/"]);
+        }
         // One that is given twice is itself.
         let twice = [corpora[0].clone(), corpora[0].clone()];
         assert_eq!(merge(&twice, &out, true, None, |_| ()).unwrap().assets, 1);
