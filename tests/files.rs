@@ -602,6 +602,18 @@ fn folders_come_back_from_one_file() {
     // One asset alone, too.
     must(&["convert", text(&path("all.npz")), text(&path("one/")), "--to", "glb", "--item", "0"]);
     assert!(path("one/a/x.glb").is_file());
+    // Also those of a corpus, and the only one of a corpus with what its file cannot say.
+    must(&["dataset", "import", text(&path("in")), "-o", text(&path("c.h5"))]);
+    for (item, file) in [("0", "a/x.glb"), ("1", "b/c/x.glb")] {
+        must(&["convert", text(&path("c.h5")), text(&path("own/")), "--to", "glb", "--item", item]);
+        assert!(path("own").join(file).is_file(), "{file}");
+    }
+    assert_eq!(fs::read_dir(path("own")).unwrap().count(), 2);
+    fs::remove_dir_all(path("own/b")).unwrap();
+    must(&["dataset", "import", text(&path("own")), "-o", text(&path("single.h5")), "--all-in", "val"]);
+    must(&["convert", text(&path("single.h5")), text(&path("last/")), "--to", "glb"]);
+    let splits: Value = serde_json::from_str(&fs::read_to_string(path("last/split.json")).unwrap()).unwrap();
+    assert_eq!((splits, path("last/a/x.glb").is_file()), (serde_json::json!({"val": ["a/x.glb"]}), true));
 }
 
 #[cfg(unix)]

@@ -104,7 +104,12 @@ impl Beside {
 
     /// Writes it beside a file of several assets, and says so.
     pub fn write_beside(&self, out: &Path, whose: &str) -> Result<()> {
-        let written = self.write(out.parent().unwrap_or(Path::new("")), whose)?;
+        self.write_in(out.parent().unwrap_or(Path::new("")), whose)
+    }
+
+    /// Writes it into the folder that its files are named below, and says so.
+    pub fn write_in(&self, folder: &Path, whose: &str) -> Result<()> {
+        let written = self.write(folder, whose)?;
         if !written.is_empty() {
             // Whoever imports the folder gets these splits for all that is in it.
             let written: Vec<String> = written.iter().map(|path| shown(path)).collect();

@@ -97,7 +97,10 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
     }
     let asset = args.placed(corpus.verified(index)?, target);
     let out = match into_folder {
-        true => args.out.join(file_name(&place(&asset.name).1, target)),
+        true => {
+            let (folder, stem) = place(&asset.name);
+            args.out.join(folder).join(file_name(&stem, target))
+        }
         false => args.out.clone(),
     };
     Originals::of(corpus)?.keep(&out, target, args)?;
@@ -106,7 +109,9 @@ pub fn to(corpus: &Corpus, args: &Args, into_folder: bool, target: Target) -> Re
     store(&asset, bare, &out, target, args, &mut notes)?;
     // A single file may go anywhere, where others' lists stand or would be astray.
     if args.item.is_none() && into_folder {
-        beside(corpus, &[(index, asset.name.clone(), asset.provenance.clone())], &out)?;
+        let mut told = Beside::default();
+        told.add_file(&args.out, &out, &corpus.texts("split")?[index], &asset.provenance);
+        told.write_in(&args.out, "the corpus")?;
     }
     notes.tell();
     Lost::default().with_asset(&asset, target).tell(&args.input, target);
