@@ -185,7 +185,8 @@ struct Inspect {
 ///
 /// Means over assets: N vertices, tri triangles, J joints, W > 0 pairs of vertex and joint with a weight. Sparsity is the
 /// share of all such pairs that hold one, in percent, as the paper prints it: few where skins are sparse. Bare assets are
-/// meshes without a rig.
+/// meshes without a rig. The row `all` is of the whole corpus, and `none` of assets without a split; splits that are called so
+/// themselves are `split all` and `split none`.
 #[derive(clap::Args)]
 #[command(after_help = "Example: riglab dataset stats corpus.h5 --json")]
 struct StatsArgs {
@@ -493,11 +494,11 @@ fn run_stats(args: &StatsArgs) -> Result<ExitCode> {
     let corpus = Corpus::open(&args.corpus)?;
     let mut of: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for (i, split) in corpus.texts("split")?.into_iter().enumerate() {
-        of.entry(if split.is_empty() { "none".into() } else { split }).or_default().push(i);
+        of.entry(row_of(split)).or_default().push(i);
     }
     let bare = corpus.bare()?;
     let mut rows: Vec<(String, Stats)> = of.into_iter().map(|(name, of)| (name, stats(&corpus, of, &bare))).collect();
-    rows.push(("all".into(), stats(&corpus, 0..corpus.len(), &bare)));
+    rows.push((ALL.into(), stats(&corpus, 0..corpus.len(), &bare)));
     if args.json {
         say!("{}", serde_json::to_string(&rows.into_iter().collect::<BTreeMap<_, _>>())?);
         return Ok(ExitCode::SUCCESS);
@@ -532,6 +533,19 @@ fn run_stats(args: &StatsArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// The rows that are of no one split: of the whole corpus, and of assets without any.
+const ALL: &str = "all";
+const NONE: &str = "none";
+
+/// What the row of a split is called.
+fn row_of(split: String) -> String {
+    match split.as_str() {
+        "" => NONE.into(),
+        ALL | NONE => format!("split {split}"),
+        _ => split,
+    }
+}
+
 fn run_verify(args: &Verify) -> Result<ExitCode> {
     let corpus = Corpus::open(&args.corpus)?;
     let names = corpus.names()?.to_vec();
@@ -563,6 +577,12 @@ mod tests {
         );
         // Training needs something to validate on.
         assert_eq!([of(&["meshes"]), of(&[""]), of(&["train", "test_new"])], [None, None, None]);
+    }
+
+    #[test]
+    fn rows_of_splits_are_none_of_the_whole_corpus() {
+        let rows = ["", "train", "all", "none"].map(|split| row_of(split.into()));
+        assert_eq!(rows, ["none", "train", "split all", "split none"]);
     }
 
     #[test]
