@@ -398,6 +398,12 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     must(&[&["checkpoint", "import", text(&ckpt), "--as", "fsq_cvae", "-o", text(&part)], &sets[..]].concat());
     let shown = String::from_utf8(must(&["checkpoint", "show", text(&part)]).stdout).unwrap();
     assert!(shown.contains("of task fsq_cvae"), "{shown}");
+    let again = refusal(&mut riglab(&["checkpoint", "import", text(&part)]));
+    let axis = "data.up = \"z\"";
+    assert!(shown.contains(axis) && again.contains(&format!("trains with it, with {axis}")), "{shown}{again}");
+    let standing = dir.path().join("standing.safetensors");
+    let others = ["--as", "fsq_cvae", "-o", text(&standing), "--set", "data.up=y"];
+    must(&[&["checkpoint", "import", text(&ckpt)], &others[..], &sets[..]].concat());
     let stored = riglab_nn::io::read(&part).unwrap();
     assert!(stored.values().all(|t| t.kind() == Kind::BFloat16));
     // Beside the rest it goes by its own settings.
@@ -406,8 +412,13 @@ fn a_whole_tokenrig_rigs_and_has_the_goldens_logits() {
     let whole = dir.path().join("whole.safetensors");
     let mut args = vec!["checkpoint", "import", text(&ckpt), "--skin", text(&part), "-o", text(&whole)];
     SIZES.iter().filter(|set| !set.starts_with("auto_encoder.")).for_each(|set| args.extend(["--set", set]));
-    must(&args);
+    let told = |args: &[&str]| String::from_utf8(must(args).stderr).unwrap();
+    assert!(!told(&args).contains("warning"));
     let (rigger, _) = Rigger::open(&whole, Device::Cpu).unwrap();
+    let lying = dir.path().join("lying.safetensors");
+    (args[4], args[6]) = (text(&standing), text(&lying));
+    let said = told(&args);
+    assert!(said.contains("warning: data.up = \"z\", but the auto-encoder") && said.contains("--skin"), "{said}");
     let vae = &rigger.vae().config().model;
     assert_eq!((vae.heads, &vae.levels), (2, &vec![3, 4]));
     // What has no effect is refused.

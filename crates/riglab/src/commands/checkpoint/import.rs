@@ -94,6 +94,11 @@ pub fn import(args: &ImportArgs) -> Result<ExitCode> {
         tell!("note: other sizes than the release's. {sizes}. What shapes do not show (heads) stays: check it");
     }
     let Some(model) = outcome.model else { bail!("{shown}: {}", refused(&found, &outcome.fits)) };
+    if let Imported::TokenRig(rigger) = &model
+        && let Some(fault) = rigger.mismatch()
+    {
+        tell!("warning: {fault}; --skin takes another");
+    }
     let Some(out) = &args.out else {
         tell!("all that is needed is there; -o OUT.safetensors writes it");
         return Ok(ExitCode::SUCCESS);
@@ -155,7 +160,11 @@ fn already(file: &Path, kind: &str) -> String {
     let used = match kind {
         "tokenrig" | "unirig_skeleton" => format!("`{}` rigs with it", rigging(file)),
         "unirig_skin" => format!("`{}` makes weights with it", skinning(file)),
-        "fsq_cvae" => format!("`--set {}` trains with it", setting(file)),
+        "fsq_cvae" => {
+            let up = Stored::open(file).ok().and_then(|stored| super::axis_of(&stored));
+            let with = up.map_or_else(String::new, |up| format!(", with data.up = \"{up}\""));
+            format!("`--set {}` trains with it{with}", setting(file))
+        }
         _ => format!("it is a model of task {kind}"),
     };
     format!(

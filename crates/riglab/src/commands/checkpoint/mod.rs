@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_asset::export::same_file;
 use riglab_files::{is_as_of_folder, make_folder_of};
-use riglab_task::assets::DataConfig;
+use riglab_task::assets::{DataConfig, Up};
 use riglab_task::bundle::{Bundle, RIG, SKIN, Stored};
 use riglab_task::fsq_cvae::{Frozen, FsqCvaeTaskConfig};
 use riglab_task::grpo::{GrpoTask, GrpoTaskConfig};
@@ -288,9 +288,12 @@ fn show(args: &ShowArgs) -> Result<ExitCode> {
     };
     let millions = |n: usize| n as f64 / 1e6;
     let (card, limits) = match found {
-        Known::Part(Part { kind, card, numbers }) => {
+        Known::Part(Part { kind, card, numbers, up }) => {
             say!("{}", card.name);
             say!("{:.2} M parameters, of task {kind}: {}", millions(numbers), use_of(&kind));
+            if let Some(up) = up {
+                say!("skin.run takes it in training with data.up = \"{up}\"");
+            }
             (card, String::new())
         }
         Known::Whole { card, config, own, skin } => {
@@ -330,7 +333,8 @@ fn of_stored(file: &Path) -> Result<Known> {
     let stored = Stored::open(file).map_err(|e| anyhow!(e))?;
     if stored.kind != TokenRigTaskConfig::TASK {
         let numbers = stored.numbers("");
-        return Ok(Known::Part(Part { kind: stored.kind, card: stored.card, numbers }));
+        let up = axis_of(&stored);
+        return Ok(Known::Part(Part { kind: stored.kind, card: stored.card, numbers, up }));
     }
     let settings = Settings::of_text(&file.display().to_string(), &stored.settings);
     let config = Box::new(settings.and_then(|settings| settings.get()).map_err(|e| anyhow!(e))?);
@@ -342,6 +346,19 @@ struct Part {
     kind: String,
     card: Card,
     numbers: usize,
+    /// Of an auto-encoder, the axis that is up in what it sees.
+    up: Option<Up>,
+}
+
+/// The axis that is up in what an auto-encoder sees; `None` of other models, or where its settings cannot be understood.
+fn axis_of(stored: &Stored) -> Option<Up> {
+    let is_one = stored.kind == FsqCvaeTaskConfig::TASK;
+    axis(&Settings::of_text(&stored.kind, &stored.settings).ok().filter(|_| is_one)?)
+}
+
+/// As [`axis_of`], by the settings of an auto-encoder.
+fn axis(settings: &Settings) -> Option<Up> {
+    settings.get::<FsqCvaeTaskConfig>().ok().map(|config| config.data.up)
 }
 
 /// What it is for.
@@ -378,7 +395,8 @@ fn part_of_run(folder: &Path) -> Result<Option<Part>> {
     let shapes = riglab_nn::io::Reader::open(&checkpoint.weights())?.shapes();
     let numbers = shapes.values().map(|shape| shape.iter().product::<i64>() as usize).sum();
     let card = Card { name: run.display().to_string(), state: checkpoint.state().clone(), text: known(&run) };
-    Ok(Some(Part { kind: settings.task(), card, numbers }))
+    let up = axis(&settings).filter(|_| settings.are::<FsqCvaeTaskConfig>());
+    Ok(Some(Part { kind: settings.task(), card, numbers, up }))
 }
 
 #[cfg(test)]
