@@ -61,16 +61,10 @@ impl Plan {
         folder: &Path,
         config: impl Fn(&Job) -> Result<String, SweepError>,
     ) -> Result<Vec<&Job>, SweepError> {
-        let Fit { there, replaced, added } = self.fits(folder, config)?;
+        let Fit { there, replaced, reevaluated, added } = self.fits(folder, config)?;
         if replaced.is_empty() && there.as_ref() == Some(self) {
             return Ok(Vec::new());
         }
-        // What failed in evaluations of before is no word on those that are asked for now.
-        let other = |there: &Self| there.sweep.evaluate_with != self.sweep.evaluate_with;
-        let unevaluated = match there.as_ref().filter(|there| other(there)) {
-            Some(there) => there.stuck(folder, true),
-            None => Vec::new(),
-        };
         for (job, text) in &replaced {
             put_aside(folder, job)?;
             write(&self.config(folder, job), text)?;
@@ -82,7 +76,7 @@ impl Plan {
         write(&file_of(folder), &(text + "\n"))?;
         // Not before: until the plan says otherwise they have failed, and are begun anew by the next call.
         replaced.iter().try_for_each(|(job, _)| again(folder, job))?;
-        unevaluated.into_iter().try_for_each(|job| again(folder, job))?;
+        reevaluated.into_iter().try_for_each(|job| again(folder, job))?;
         Ok(replaced.into_iter().map(|(job, _)| job).collect())
     }
 
@@ -125,7 +119,17 @@ impl Plan {
             }
         }
         let added = added.iter().map(|job| Ok((job, config(job)?))).collect::<Result<_, SweepError>>()?;
-        Ok(Fit { there, replaced, added })
+        let reevaluated = there.as_ref().map_or_else(Vec::new, |there| self.reevaluated(there, folder));
+        Ok(Fit { there, replaced, reevaluated, added })
+    }
+
+    /// The jobs that failed in evaluations of before, where these were others: that is no word on those that are asked for now.
+    fn reevaluated(&self, there: &Self, folder: &Path) -> Vec<&Job> {
+        if there.sweep.evaluate_with == self.sweep.evaluate_with {
+            return Vec::new();
+        }
+        let stuck: BTreeSet<usize> = there.stuck(folder, true).iter().map(|job| job.number).collect();
+        self.jobs.iter().filter(|job| stuck.contains(&job.number)).collect()
     }
 
     /// The numbers of the jobs whose training has failed for good: there is nothing to lose by other settings.
@@ -167,6 +171,8 @@ pub struct Fit<'a> {
     pub there: Option<Plan>,
     /// Jobs that failed and are said otherwise now, and their configs.
     pub replaced: Vec<(&'a Job, String)>,
+    /// Jobs whose evaluation failed, and is another now.
+    pub reevaluated: Vec<&'a Job>,
     /// Jobs that are added, and their configs.
     pub added: Vec<(&'a Job, String)>,
 }
@@ -269,7 +275,10 @@ mod tests {
         };
         let [same, other] =
             ["", "evaluate_with = { 'data.test' = ['a'] }"].map(|more| of(&format!("evaluate = true\n{more}")));
+        let looked_at = |plan: &Plan| plan.fits(dir.path(), config).unwrap().reevaluated.len();
+        assert_eq!([&same, &other].map(looked_at), [0, 1]);
         assert_eq!((left(&same), left(&other), left(&other)), (0, 1, 1));
+        assert_eq!(looked_at(&other), 0);
     }
 
     #[test]

@@ -118,17 +118,17 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     // A folder's own plan is settled: it goes on even where the files that it was made of are gone or others.
     let new = !Path::new(name).is_dir();
     if args.dry_run {
-        let anew = check(&plan, &folder, args)?;
+        let again = check(&plan, &folder, args)?;
         if new {
             tell_alike(&plan, &folder)?;
         }
-        if !anew.is_empty() {
-            tell!("would be begun anew, as they had failed and have other settings now: {}", anew.join("; "));
+        if !again.anew.is_empty() {
+            tell!("would be begun anew, as they had failed and have other settings now: {}", again.anew.join("; "));
         }
         for job in &plan.jobs {
             say!("{}  {}  {} {}", job.folder, job.point, job.base, job.sets.join(" "));
         }
-        for missing in missing(&plan, &folder, &anew, args)? {
+        for missing in missing(&plan, &folder, &again, args)? {
             tell!("warning: {missing}: no such corpus; the jobs that read it would fail");
         }
         return Ok(ExitCode::SUCCESS);

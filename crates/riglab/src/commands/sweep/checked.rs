@@ -19,10 +19,10 @@ use crate::commands::train::{tell_untested, untested, whole};
 use crate::registry::TaskConfig;
 
 /// Corpora of jobs that are to be done which are not there.
-pub(super) fn missing(plan: &Plan, folder: &Path, anew: &[String], args: &Args) -> Result<BTreeSet<String>> {
+pub(super) fn missing(plan: &Plan, folder: &Path, again: &Again, args: &Args) -> Result<BTreeSet<String>> {
     let mut missing = BTreeSet::new();
-    for job in plan.left(folder, again(anew, args)) {
-        let corpora = corpora_of(plan, (folder, anew), job).map_err(|e| unsound(job, &e))?;
+    for job in plan.left(folder, again.with_asked(args)) {
+        let corpora = corpora_of(plan, (folder, &again.anew), job).map_err(|e| unsound(job, &e))?;
         missing.extend(corpora.iter().filter(|path| !path.exists()).map(|path| path.display().to_string()));
     }
     Ok(missing)
@@ -85,20 +85,32 @@ fn corpora_of(plan: &Plan, place: (&Path, &[String]), job: &Job) -> Result<BTree
     Ok(settings_left(plan, place, job)?.iter().flat_map(|config| config.data().corpora.clone()).collect())
 }
 
-/// The jobs that are begun again though they failed: those that are to be tried again, and what has other settings now, which
-/// is begun anew without being asked for.
-fn again(anew: &[String], args: &Args) -> impl Fn(&Job) -> bool + Copy {
-    move |job| args.retry || anew.contains(&job.shown())
+/// The jobs that are begun again without being asked for, though they failed.
+#[derive(Default)]
+pub(super) struct Again {
+    /// What has other settings now, and is trained anew.
+    pub anew: Vec<String>,
+    /// What failed in its evaluation, which is another now.
+    reevaluated: Vec<String>,
+}
+
+impl Again {
+    /// With all that failed, where it is to be tried again.
+    fn with_asked(&self, args: &Args) -> impl Fn(&Job) -> bool + Copy {
+        move |job| args.retry || [&self.anew, &self.reevaluated].iter().any(|jobs| jobs.contains(&job.shown()))
+    }
 }
 
 /// What refuses jobs before anything is written: another sweep's folder, where the plan is of a file, files that are not
-/// found from here, evaluations that could but fail, and corpora that have changed. Returns the jobs that would be begun anew.
-pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<String>> {
-    let mut anew = Vec::new();
+/// found from here, evaluations that could but fail, and corpora that have changed. Returns the jobs that would be begun again.
+pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Again> {
+    let mut again = Again::default();
     if is_of_file(args) {
-        anew = plan.fits(folder, settled::configs(folder)?)?.replaced.iter().map(|(job, _)| job.shown()).collect();
+        let fit = plan.fits(folder, settled::configs(folder)?)?;
+        again.anew = fit.replaced.iter().map(|(job, _)| job.shown()).collect();
+        again.reevaluated = fit.reevaluated.iter().map(|job| job.shown()).collect();
         for job in &plan.jobs {
-            if job_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?.data().corpora.is_empty() {
+            if job_settings(plan, (folder, &again.anew), job).map_err(|e| unsound(job, &e))?.data().corpora.is_empty() {
                 bail!(
                     "{}: data.corpora names no corpus; write one into `set` of the sweep's file, or give it by --set \
                      data.corpora='[\"corpus.h5\"]' (`riglab dataset import` makes it)",
@@ -106,16 +118,16 @@ pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<Strin
                 );
             }
             // Now, not after hours of training.
-            evaluation_settings(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?;
+            evaluation_settings(plan, (folder, &again.anew), job).map_err(|e| unsound(job, &e))?;
         }
     }
     let mut sums = BTreeMap::new();
-    let again = again(&anew, args);
-    let left = plan.left(folder, again);
-    within_reach(plan, (folder, &anew), &left, args)?;
-    measurable(plan, (folder, &anew), &left)?;
-    plan.same_corpora(folder, again, |job| {
-        let paths = corpora_of(plan, (folder, &anew), job).map_err(|e| unsound(job, &e))?;
+    let (place, tried) = ((folder, &*again.anew), again.with_asked(args));
+    let left = plan.left(folder, tried);
+    within_reach(plan, place, &left, args)?;
+    measurable(plan, place, &left)?;
+    plan.same_corpora(folder, tried, |job| {
+        let paths = corpora_of(plan, place, job).map_err(|e| unsound(job, &e))?;
         // Of one that cannot be opened its jobs tell.
         let sum = |path: PathBuf| {
             let open = || Corpus::open(&path).ok()?.checksum().ok();
@@ -124,7 +136,7 @@ pub(super) fn check(plan: &Plan, folder: &Path, args: &Args) -> Result<Vec<Strin
         };
         Ok(paths.into_iter().filter_map(sum).collect())
     })?;
-    Ok(anew)
+    Ok(again)
 }
 
 /// Whether the sweep is named by a file, which may say otherwise than its folder; a folder's own plan is settled.
