@@ -313,6 +313,59 @@ fn runs_that_learn_from_different_corpora_are_evaluated_on_the_same() {
 }
 
 #[test]
+fn what_evaluations_lack_is_told_before_anything_is_done() {
+    let dir = tempfile::tempdir().unwrap();
+    let made = corpus(dir.path(), 12);
+    let path = |name: &str| dir.path().join(name);
+    let (file, out, files) = (path("toy.toml"), path("out"), path("files"));
+    let more = "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n";
+    let base = config(dir.path(), &made, more);
+    let rigger = path("tokenrig.toml");
+    let skin = format!("[data]\ncorpora = ['{}']\n[skin]\nrun = 'shipped_with_prior'\n", made.display());
+    fs::write(&rigger, format!("extends = 'quickstart/tokenrig.toml'\n{skin}")).unwrap();
+    let import = |name: &str, more: &[&str]| {
+        must(&[&["dataset", "import", text(&files), "-o", text(&path(name))], more].concat());
+        text(&path(name)).to_owned()
+    };
+    let bare = import("bare.h5", &["--meshes"]);
+    let write = |base: &Path, evaluation: &str| {
+        let lines = format!("[sweep]\nseeds = [0]\nevaluate = true\nevaluate_with = {{ {evaluation} }}\n");
+        fs::write(&file, format!("{lines}base = '{}'\n", base.display())).unwrap();
+    };
+    let args = ["sweep", text(&file), "-o", text(&out)];
+    for (base, evaluation, said) in [
+        (&base, "'data.corpora' = []".to_owned(), "data.corpora names no corpus"),
+        (&base, format!("'data.corpora' = ['{0}', '{0}']", made.display()), "hold the same assets"),
+        (&base, "'data.weights' = [1.0, 2.0]".into(), "data.weights has 2 numbers for 1 corpora"),
+        (&base, format!("'data.corpora' = ['{bare}'], 'data.test' = ['meshes'], 'eval.cuts' = [0.1]"), "bare meshes"),
+        (&rigger, "'skin.run' = 'runs/typo'".into(), "skin.run: runs/typo: there is no such file or folder"),
+    ] {
+        write(base, &evaluation);
+        for more in [&["--dry-run"][..], &[]] {
+            let refused = refusal(&mut riglab(&[&args, more].concat()));
+            assert!(refused.contains("sweep.evaluate_with") && refused.contains(said), "{evaluation}: {refused}");
+            assert!(!out.exists());
+        }
+    }
+    write(&rigger, "'skin.run' = 'shipped'");
+    must(&[&args[..], &["--dry-run"]].concat());
+
+    // What failed in another evaluation is looked at again.
+    fs::rename(&made, path("kept.h5")).unwrap();
+    write(&base, "'eval.cuts' = [0.1]");
+    assert!(refusal(&mut riglab(&args)).contains("1 job failed"));
+    fs::rename(path("kept.h5"), &made).unwrap();
+    let run = out.join("jobs/base/seed-0");
+    fs::create_dir_all(&run).unwrap();
+    fs::write(run.join("run.json"), "{\"outcome\": \"finished\"}").unwrap();
+    write(&base, "'data.corpora' = ['nope.h5']");
+    let before = fs::read(out.join("attempts.jsonl")).unwrap();
+    let said = refusal(&mut riglab(&args));
+    assert!(said.contains("sweep.evaluate_with: nope.h5: no such corpus"), "{said}");
+    assert_eq!(fs::read(out.join("attempts.jsonl")).unwrap(), before);
+}
+
+#[test]
 fn jobs_take_the_threads_that_the_command_line_gives() {
     let dir = tempfile::tempdir().unwrap();
     let base = config(dir.path(), &dir.path().join("nowhere.h5"), "");

@@ -4,11 +4,13 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use riglab_token::Limits;
-use riglab_train::named_by;
+use riglab_train::{Checkpoint, named_by};
 
 use crate::assets::{AssetId, Assets, DataConfig};
+use crate::bundle::Stored;
 use crate::sequences::may_fit;
 use crate::settings::{Settings, TaskSettings};
+use crate::tokenrig::is_word;
 
 /// Assets that are evaluated and trained on.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -102,6 +104,23 @@ pub fn models(settings: &toml::Value) -> impl Iterator<Item = (&'static str, &st
         Some((key, value.as_str().filter(|named| !named.is_empty())?))
     };
     KEYS.into_iter().filter_map(named)
+}
+
+/// Looks for a model that settings name under a key, as [`models`] gives both. What it is of is told by who opens it.
+///
+/// # Errors
+/// A sentence: there is none.
+pub fn look_for(key: &str, named: &str) -> Result<(), String> {
+    let path = Path::new(named);
+    if key == "skin.run" && is_word(path) {
+        return Ok(());
+    }
+    if path.is_file() {
+        return Stored::open(path).map(drop);
+    }
+    let (run, checkpoint) = named_by(path);
+    Settings::of_run(&run)?;
+    Checkpoint::open(&run.join("checkpoints").join(checkpoint)).map(drop).map_err(|e| e.to_string())
 }
 
 /// A sentence on such assets, for who trains or evaluates; `None` without any. `by` is the key that names the model that was

@@ -48,6 +48,11 @@ pub trait TaskSettings: DeserializeOwned + Serialize {
     fn chooses_a_cut(&self) -> bool {
         false
     }
+
+    /// Whether it looks at meshes alone, so that they may be without rigs.
+    fn takes_bare_meshes(&self) -> bool {
+        false
+    }
 }
 
 /// What is the same in all [`TaskSettings`]: a check of their own, and the fields `train` and `data`.

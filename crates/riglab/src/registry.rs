@@ -6,7 +6,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
 use riglab_report::{Block, Findings};
 use riglab_task::Experiment;
-use riglab_task::assets::DataConfig;
+use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{SeenAssets, Training, warning};
 use riglab_task::settings::TaskSettings;
 use riglab_task::{fsq_cvae, grpo, tokenrig, unirig_skeleton, unirig_skin};
@@ -29,6 +29,13 @@ macro_rules! tasks {
                 match name {
                     $($module::$config::TASK => Some(checked(config).map(Self::$name)),)*
                     _ => None,
+                }
+            }
+
+            /// The task's name.
+            pub fn task(&self) -> &'static str {
+                match self {
+                    $(Self::$name(_) => $module::$config::TASK,)*
                 }
             }
 
@@ -90,6 +97,7 @@ trait Settings {
     fn precisions(&mut self) -> Vec<&mut Precision>;
     fn in_run(&mut self, run: &Path);
     fn chooses_a_cut(&self) -> bool;
+    fn takes_bare_meshes(&self) -> bool;
     fn to_toml(&self) -> Result<String>;
 }
 
@@ -116,6 +124,10 @@ impl<T: TaskSettings> Settings for T {
 
     fn chooses_a_cut(&self) -> bool {
         TaskSettings::chooses_a_cut(self)
+    }
+
+    fn takes_bare_meshes(&self) -> bool {
+        TaskSettings::takes_bare_meshes(self)
     }
 
     fn to_toml(&self) -> Result<String> {
@@ -181,6 +193,18 @@ impl TaskConfig {
     /// Whether an evaluation chooses the cut of a decode rule among several.
     pub fn chooses_a_cut(&self) -> bool {
         self.settings().chooses_a_cut()
+    }
+
+    /// Opens the corpora as the task does, without its network.
+    ///
+    /// # Errors
+    /// A sentence: as [`Assets::of`], or of bare meshes, where the task needs rigs.
+    pub fn assets(&self) -> Result<Assets, String> {
+        let (assets, ..) = Assets::of(self.data())?;
+        if !self.settings().takes_bare_meshes() {
+            assets.rigged(self.data())?;
+        }
+        Ok(assets)
     }
 
     /// The same with what is left to this machine decided: the precision.

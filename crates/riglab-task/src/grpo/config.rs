@@ -365,6 +365,10 @@ impl TaskSettings for GrpoTaskConfig {
     fn precisions(&mut self) -> Vec<&mut Precision> {
         vec![&mut self.train.precision, &mut self.rollout.precision]
     }
+
+    fn takes_bare_meshes(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

@@ -45,6 +45,7 @@ pub use report::Evaluation;
 pub use rigger::{AUTO_ENCODER, Rigger};
 pub use riglab_geom::Yaw;
 pub use sample::Sample;
+pub(crate) use shipped::is_word;
 pub use skin::Codes;
 pub use skinner::Skinner;
 pub use template::{BODIES, FindHuman, Placed};

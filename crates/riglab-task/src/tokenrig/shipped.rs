@@ -32,6 +32,11 @@ impl Rigger {
     }
 }
 
+/// Whether `skin.run` names an auto-encoder by a word.
+pub(crate) fn is_word(named: &Path) -> bool {
+    WORDS.iter().any(|(own, _)| named == Path::new(own))
+}
+
 /// The auto-encoder that `skin.run` names by a word, if that is one.
 pub(super) fn auto_encoder(word: &Path, device: Device) -> Option<Result<Frozen, String>> {
     let (own, bytes) = WORDS.into_iter().find(|(own, _)| word == Path::new(own))?;

@@ -9,7 +9,7 @@ use riglab_data::{Corpus, SplitNames};
 use riglab_report::shell::{command, quoted};
 use riglab_sweep::{Job, Plan, is_trained};
 use riglab_task::assets::{Assets, DataConfig};
-use riglab_task::seen::models;
+use riglab_task::seen::{look_for, models};
 
 use super::begun::Begun;
 use super::{Args, settings_of, settled, unsound};
@@ -180,30 +180,31 @@ fn within_reach(plan: &Plan, place: (&Path, &[String]), left: &[&Job], args: &Ar
 }
 
 /// Refuses evaluations that could but fail, now and not after hours of training: on corpora that are not there, do not go
-/// together, or have no asset in any of the splits. Of corpora that a job trains on, its training tells at once.
+/// together, are of bare meshes where rigs are needed, or have no asset in any of the splits, and with models that are not
+/// there. What a job's training is refused for, too, that tells at once.
 fn measurable(plan: &Plan, place: (&Path, &[String]), left: &[&Job]) -> Result<()> {
     let splits_are_named = sets_key(&plan.sweep.evaluation_sets(), "data.test");
     // Whether there is an asset to choose a cut by.
-    let mut sound: Vec<(DataConfig, bool)> = Vec::new();
+    let mut sound: Vec<(&str, DataConfig, bool)> = Vec::new();
     for job in left {
         let refused = |e: anyhow::Error| unsound(job, &e.context(said_by(plan)));
         // Of settings that cannot be read the job tells.
         let Ok(trained) = job_settings(plan, place, job) else { continue };
         let Some(config) = evaluation_settings(plan, place, job).map_err(|e| unsound(job, &e))? else { continue };
-        let data = config.data();
-        let known = sound.iter().find(|(own, _)| own == data).map(|(_, chooses)| *chooses);
+        with_companions(&trained, &config).map_err(refused)?;
+        let (task, data) = (config.task(), config.data());
+        let known = sound.iter().find(|(of, own, _)| *of == task && own == data).map(|(.., chooses)| *chooses);
         let chooses = match known {
             Some(chooses) => chooses,
             None => {
-                let others = data.corpora.iter().any(|corpus| !trained.data().corpora.contains(corpus));
-                let assets = match Assets::of(data) {
-                    Ok((assets, ..)) => assets,
-                    Err(e) if others => return Err(refused(anyhow!(e)).into()),
-                    Err(_) => continue,
+                let assets = match config.assets() {
+                    Ok(assets) => assets,
+                    Err(e) if trained.assets().err().as_ref() == Some(&e) => continue,
+                    Err(e) => return Err(refused(anyhow!(e)).into()),
                 };
                 tested(data, &assets, splits_are_named).map_err(refused)?;
                 let chooses = !assets.split(&data.validate)?.is_empty();
-                sound.push((data.clone(), chooses));
+                sound.push((task, data.clone(), chooses));
                 chooses
             }
         };
@@ -215,6 +216,17 @@ fn measurable(plan: &Plan, place: (&Path, &[String]), left: &[&Job]) -> Result<(
             ))
             .into());
         }
+    }
+    Ok(())
+}
+
+/// Refuses models that evaluations take in the place of the training's, where they are not there.
+fn with_companions(trained: &TaskConfig, config: &TaskConfig) -> Result<()> {
+    let [own, others] =
+        [trained, config].map(|config| Ok::<_, anyhow::Error>(toml::Value::Table(config.to_toml()?.parse()?)));
+    let (own, others) = (own?, others?);
+    for (key, named) in models(&others).filter(|model| !models(&own).any(|before| before == *model)) {
+        look_for(key, named).map_err(|e| anyhow!("{key}: {e}"))?;
     }
     Ok(())
 }
