@@ -320,14 +320,15 @@ fn what_evaluations_lack_is_told_before_anything_is_done() {
     let (file, out, files) = (path("toy.toml"), path("out"), path("files"));
     let more = "[train]\nsteps = 2\n[eval]\nvalidation_vertices = 50\nprefixes = [4]\n";
     let base = config(dir.path(), &made, more);
-    let rigger = path("tokenrig.toml");
+    let (rigger, other) = (path("tokenrig.toml"), path("other.toml"));
     let skin = format!("[data]\ncorpora = ['{}']\n[skin]\nrun = 'shipped_with_prior'\n", made.display());
     fs::write(&rigger, format!("extends = 'quickstart/tokenrig.toml'\n{skin}")).unwrap();
+    fs::write(&other, "extends = 'config.toml'\n[data]\ntest = ['all']\n").unwrap();
     let import = |name: &str, more: &[&str]| {
         must(&[&["dataset", "import", text(&files), "-o", text(&path(name))], more].concat());
         text(&path(name)).to_owned()
     };
-    let bare = import("bare.h5", &["--meshes"]);
+    let (bare, all) = (import("bare.h5", &["--meshes"]), import("all.h5", &["--all-in", "all"]));
     let write = |base: &Path, evaluation: &str| {
         let lines = format!("[sweep]\nseeds = [0]\nevaluate = true\nevaluate_with = {{ {evaluation} }}\n");
         fs::write(&file, format!("{lines}base = '{}'\n", base.display())).unwrap();
@@ -363,6 +364,13 @@ fn what_evaluations_lack_is_told_before_anything_is_done() {
     let said = refusal(&mut riglab(&args));
     assert!(said.contains("sweep.evaluate_with: nope.h5: no such corpus"), "{said}");
     assert_eq!(fs::read(out.join("attempts.jsonl")).unwrap(), before);
+
+    // The training's corpora need not have the splits that evaluations name, on corpora of their own.
+    write(&other, &format!("'data.corpora' = ['{all}'], 'data.test' = ['all'], 'eval.cuts' = [0.1]"));
+    let tested = path("tested");
+    must(&["sweep", text(&file), "-o", text(&tested)]);
+    let said = refusal(&mut riglab(&["train", text(&other), "--run", text(&path("alone"))]));
+    assert!(said.contains("no asset in `all`"), "{said}");
 }
 
 #[test]

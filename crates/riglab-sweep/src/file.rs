@@ -156,7 +156,7 @@ impl SweepFile {
 
     /// The key of the first of `sets` that says which splits are tested on, where evaluations say it again.
     pub(crate) fn tested_otherwise<'a>(&self, sets: &'a [String]) -> Option<(&'a str, &'static str)> {
-        let again = self.replaced_by_evaluations().iter().any(|key| same(key, TESTED));
+        let again = name_tests(&self.evaluation_sets());
         let of = |set: &&String| again && leaves(set).iter().any(|key| key == TESTED);
         Some((sets.iter().find(of)?.as_str(), TESTED))
     }
@@ -235,6 +235,11 @@ impl SweepFile {
             })
         })
     }
+}
+
+/// Whether settings of evaluations say which splits are tested on, whatever runs say themselves.
+pub fn name_tests(evaluation: &[String]) -> bool {
+    evaluation.iter().flat_map(|set| replaced(set)).any(|key| same(&key, TESTED))
 }
 
 /// Changes as `--set` takes them.

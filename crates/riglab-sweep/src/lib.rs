@@ -36,7 +36,7 @@ mod values;
 pub use attempts::{Attempt, attempts, record, retry};
 pub use error::SweepError;
 pub use figures::may_be_called;
-pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile};
+pub use file::{Arm, Better, FigureOf, MetricOf, SweepFile, name_tests};
 pub use plan::{Job, Plan};
 pub use pool::{Budget, Ended, Event, Stage, run, run_one};
 pub use results::{Outcome, Results};

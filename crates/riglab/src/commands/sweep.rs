@@ -13,7 +13,8 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use riglab_report::{Cell, Table};
 use riglab_sweep::{
-    Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, may_be_called, retry, run as run_pool,
+    Budget, Ended, Event, Job, Plan, REPLACED, Results, Stage, SweepError, may_be_called, name_tests, retry,
+    run as run_pool,
 };
 use riglab_train::{Interrupt, Progress, RunInfo, without_best};
 
@@ -418,7 +419,8 @@ pub fn threads_of(run: &Path, [threads, most]: [usize; 2]) -> usize {
 }
 
 /// What runs a stage of a job: `riglab`, however it is started, with its arguments. A training that goes on takes the threads
-/// that it was begun with, where these are `most` at most; an evaluation has the settings `evaluation` besides the run's.
+/// that it was begun with, where these are `most` at most; an evaluation has the settings `evaluation` besides the run's, and
+/// where these name the splits that are tested on, nothing is asked of those of the run.
 pub fn process(
     riglab: Command,
     [threads, most]: [usize; 2],
@@ -430,7 +432,10 @@ pub fn process(
     let threads = if stage == Stage::Resume { threads_of(run, [threads, most]) } else { threads };
     command.arg("--threads").arg(threads.to_string());
     match stage {
-        Stage::Train => command.arg("train").arg(config).arg("--run").arg(run),
+        Stage::Train => {
+            command.arg("train").arg(config).arg("--run").arg(run);
+            if name_tests(evaluation) { command.arg("--tested-otherwise") } else { &mut command }
+        }
         Stage::Resume => command.args(["train", "--resume"]).arg(run),
         // Of a run that no checkpoint is the best of, the last: to leave it out would leave out what went wrong.
         Stage::Evaluate if without_best(run) => command.arg("eval").arg(run).args(["--checkpoint", "last"]),
@@ -550,6 +555,12 @@ mod tests {
         assert_eq!([0, 1].map(|most| of(most, Stage::Resume)), ["--threads 4 train --resume RUN"; 2]);
         assert_eq!(of(4, Stage::Train), "--threads 4 train c.toml --run RUN");
         assert_eq!(of(4, Stage::Evaluate), "--threads 4 eval RUN --set eval.a=1 --set data.b=2");
+        for tests in ["data.test=['a']", "data={ extends = [], corpora = ['b.h5'] }"] {
+            let sets = [tests.to_owned()];
+            let command =
+                process(Command::new("riglab"), [4, 4], Path::new("c.toml"), (Stage::Train, &sets), dir.path());
+            assert_eq!(command.get_args().last().unwrap(), "--tested-otherwise", "{tests}");
+        }
     }
 
     #[test]

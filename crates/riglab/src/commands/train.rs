@@ -84,6 +84,9 @@ pub struct Args {
     /// With --on: follow the job to its end.
     #[arg(long, requires = "on")]
     wait: bool,
+    /// Evaluations name the splits that are tested on: those of data.test need not be there.
+    #[arg(long, hide = true)]
+    tested_otherwise: bool,
     /// List the built-in experiments.
     #[arg(long)]
     list: bool,
@@ -166,7 +169,8 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         _ => None,
     };
     let saved = ranks.told(saved)?;
-    config.with(device, Session { config: &config, place, longer, saved, threads, device, ranks })
+    let tests = !args.tested_otherwise;
+    config.with(device, Session { config: &config, place, tests, longer, saved, threads, device, ranks })
 }
 
 /// The threads of each process without a word about them: those that a run was begun with, on as many processes, or what the
@@ -368,6 +372,8 @@ enum Place {
 struct Session<'a> {
     config: &'a TaskConfig,
     place: Place,
+    /// Whether evaluations test on what the config names.
+    tests: bool,
     /// More steps than the run was to have before, on the rank that writes.
     longer: Option<Longer>,
     /// The last step that was saved.
@@ -381,7 +387,7 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, longer, saved, threads, device, ranks } = self;
+        let Self { config, place, tests, longer, saved, threads, device, ranks } = self;
         trainable(&task, config, !matches!(place, Place::There(_)))?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         let from = &config.train().start;
@@ -399,7 +405,7 @@ impl Visitor for Session<'_> {
             let interrupted = outcome.ended == Ended::Interrupted;
             return Ok(if interrupted { ExitCode::from(interrupt.code()) } else { ExitCode::SUCCESS });
         }
-        if !matches!(place, Place::There(_)) {
+        if tests && !matches!(place, Place::There(_)) {
             known_tests(config.data(), task.assets())?;
         }
         let (run, resumed) = match place {
@@ -482,7 +488,9 @@ impl Visitor for Session<'_> {
             },
             run.dir().display()
         );
-        begun.extend(tell_untested(&untested(config.data(), task.assets())?, task.assets())?);
+        if tests {
+            begun.extend(tell_untested(&untested(config.data(), task.assets())?, task.assets())?);
+        }
         begun.extend(unwarmed(config.train()));
         task.warnings().iter().for_each(|warning| tell!("warning: {warning}"));
         begun.iter().chain(&task.notes()).chain(&overlap(config)?).for_each(|note| tell!("note: {note}"));
