@@ -347,6 +347,24 @@ fn threads_and_tables_reach_the_jobs() {
     assert!(said.contains("add --on slurm"), "{said}");
 }
 
+#[test]
+fn tables_that_do_not_go_together_leave_what_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let base = config(dir.path(), &dir.path().join("nowhere.h5"), "[slurm]\npartition = 'cpu'\n");
+    fs::write(dir.path().join("other.toml"), "extends = 'config.toml'\n[slurm]\npartition = 'gpu'\n").unwrap();
+    let (file, out) = (dir.path().join("toy.toml"), dir.path().join("out"));
+    let sweep = |more: &str| {
+        let arm = "[[sweep.arms]]\nname = 'a'\n";
+        fs::write(&file, format!("[sweep]\nseeds = [0]\nbase = '{}'\n{arm}{more}", base.display())).unwrap();
+        refusal(&mut riglab(&["sweep", text(&file), "-o", text(&out)]))
+    };
+    let kept = || read(&out.join("slurm/settings.toml"));
+    assert!(!sweep("").contains("for later") && kept().contains("partition = \"cpu\""));
+    let said = sweep("[[sweep.arms]]\nname = 'b'\nbase = 'other.toml'\n");
+    assert!(said.contains("is not kept for later") && said.contains("different tables [slurm]"), "{said}");
+    assert!(kept().contains("partition = \"cpu\""), "{}", kept());
+}
+
 /// Calls the binary on the cluster; it must end well. Gives all it said.
 fn on(cluster: &Cluster, args: &[&str]) -> String {
     let Output { status, stdout, stderr } = cluster.known_to(&mut riglab(args)).output().unwrap();

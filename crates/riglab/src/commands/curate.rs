@@ -118,7 +118,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
     if args.on == Some(On::Slurm) {
         let [folder] = args.inputs.as_slice() else { bail!("give one folder") };
         places.check()?;
-        let desk = Desk::new(&places.work, slurm)?.for_threads(threads);
+        let desk = Desk::new(&places.work, slurm)?.for_threads(threads)?;
         let request = on_slurm::Request { parts: args.parts.into(), threads, wait: args.wait };
         return on_slurm::run(folder, &args.out, &config, &desk, &request);
     }

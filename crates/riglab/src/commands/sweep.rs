@@ -154,8 +154,10 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
             );
         }
         // A later call that names the folder alone may hand it to a cluster.
-        if args.on.is_none() {
-            desk.keep_for_later()?;
+        match &desk {
+            Ok(desk) if args.on.is_none() => desk.keep_for_later()?,
+            Ok(_) => {}
+            Err(why) => tell!("note: what the jobs ask of a cluster is not kept for later: {why:#}"),
         }
     }
     if args.retry {
@@ -177,7 +179,7 @@ pub fn run(args: &Args, threads: usize) -> Result<ExitCode> {
         if goes_on {
             Begun { told: threads, ..begun }.keep(&folder)?;
         }
-        let desk = asked(desk, args, &plan, threads);
+        let desk = asked(desk?, args, &plan, threads)?;
         return match hand_over(&folder, &plan, &desk, threads, args.wait)? {
             Handed::Queued => {
                 tell!("follow them with: {again} --status");
@@ -321,8 +323,9 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     Ok(if all { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file.
-fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
+/// The plan, its folder, and what its jobs ask of a cluster: of a folder that has one, else of a file. Where nothing is handed
+/// over, configs may ask for what does not go together; then that is told in its place.
+fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Result<Desk>)> {
     let folder = PathBuf::from(name);
     let (cluster, sets) = apart(&args.sets);
     if !cluster.is_empty() && args.on.is_none() {
@@ -336,14 +339,11 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
             bail!("{name}: no sweep here (there is no sweep.json); `riglab sweep FILE` makes one");
         };
         let desk = Desk::reopen(&folder, &cluster)?;
-        if args.on.is_some() && cluster.is_empty() && !desk.has_settings() {
-            tell!(
-                "note: {}: no settings for a cluster are kept here, so that its defaults hold; the sweep's file in the place \
-                 of the folder, or --set slurm.KEY=VALUE, gives others",
-                folder.display()
-            );
+        if args.on.is_some() && cluster.is_empty() {
+            let others = "the sweep's file in the place of the folder, or --set slurm.KEY=VALUE, gives others";
+            desk.without_settings(others).iter().for_each(|note| tell!("note: {}: {note}", folder.display()));
         }
-        return Ok((plan, folder, desk));
+        return Ok((plan, folder, Ok(desk)));
     }
     let config = presets::load(name, &cluster)?;
     if config.contains("task") && !config.contains("sweep") {
@@ -365,13 +365,11 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
     }
     without_cluster(&config, &file)?;
     let bases = used.then_some(&file.base).into_iter().chain(file.arms.iter().filter_map(|arm| arm.base.as_ref()));
-    let asked = asks(&config, bases);
-    let slurm = if args.on.is_some() {
-        asked?
-    } else {
-        settings(&config)?;
+    settings(&config)?;
+    let slurm = match asks(&config, bases) {
         // What cannot be handed over is refused where it is to be.
-        asked.unwrap_or_default()
+        Err(why) if args.on.is_none() => Err(why),
+        asked => Ok(asked?),
     };
     let plan = Plan::new(file, &sets).map_err(|e| match e {
         SweepError::Key { key, message } => config.invalid(&format!("sweep.{key}"), message),
@@ -386,21 +384,16 @@ fn plan(name: &str, args: &Args) -> Result<(Plan, PathBuf, Desk)> {
             plan
         }
     };
-    let desk = Desk::new(&folder, slurm)?;
+    let desk = slurm.and_then(|slurm| Desk::new(&folder, slurm));
     Ok((plan, folder, desk))
 }
 
 /// With the jobs at a time, and the threads of each, that the command line asks for, and the memory of a job that the sweep's
 /// file tells, where [slurm] tells none.
-fn asked(mut desk: Desk, args: &Args, plan: &Plan, threads: usize) -> Desk {
-    desk = desk.for_threads(if threads > 0 { threads } else { plan.sweep.threads });
-    if !desk.config.asks_for_memory() && plan.sweep.memory_gb > 0.0 {
-        desk.config.memory = format!("{:.0}M", (plan.sweep.memory_gb * 1024.0).ceil());
-    }
-    if args.jobs > 0 {
-        desk.config.at_a_time = args.jobs;
-    }
-    desk
+fn asked(desk: Desk, args: &Args, plan: &Plan, threads: usize) -> Result<Desk> {
+    let desk = desk.for_threads(if threads > 0 { threads } else { plan.sweep.threads })?;
+    let desk = if args.jobs > 0 { desk.with(|slurm| slurm.at_a_time = args.jobs)? } else { desk };
+    desk.for_memory(plan.sweep.memory_gb)
 }
 
 fn settings_of(name: &str, sets: &[String]) -> Result<TaskConfig> {
@@ -614,7 +607,7 @@ mod tests {
         // As a call has it that names the folder alone.
         let of = |sets: &[&str]| {
             let sets: Vec<String> = sets.iter().map(|set| (*set).to_owned()).collect();
-            asked(Desk::reopen(folder.path(), &sets).unwrap(), &args, &plan, 0).config.memory
+            asked(Desk::reopen(folder.path(), &sets).unwrap(), &args, &plan, 0).unwrap().config.memory
         };
         assert_eq!((of(&[]), of(&["slurm.memory=4G"])), ("1536M".into(), "4G".into()));
         assert_eq!(of(&["slurm.options=['--mem-per-cpu=2G']"]), "", "as it says otherwise");

@@ -337,7 +337,7 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
         }
         (None, None) => bail!("give a config, or --resume RUN"),
     };
-    let desk = desk.for_threads(threads);
+    let desk = desk.for_threads(threads)?;
     let request = on_slurm::Request {
         run: &run,
         config: config.as_deref(),

@@ -8,7 +8,7 @@ pub mod train;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use riglab_config::Config;
 use riglab_slurm::{Queue, Queued, Script, SlurmConfig, SlurmError, Submission, array_size, record, submissions};
 use riglab_train::Interrupt;
@@ -53,7 +53,7 @@ struct Kept {
 /// Where the jobs of a piece of work are written down: the folder `slurm` within that of the work.
 ///
 /// ```text
-/// settings.toml   the table [slurm], as the last submission had it; before that, as the work was begun without one
+/// settings.toml   the table [slurm], as the last submission was given it; before that, as the work was begun without one
 /// jobs.jsonl      a line a job that was submitted
 /// job-N.sh        its script
 /// job-N.toml      the table [slurm] that it was submitted with
@@ -64,6 +64,10 @@ pub struct Desk {
     folder: PathBuf,
     /// What jobs ask for.
     pub config: SlurmConfig,
+    /// What is kept of it for later calls: all but what these derive again.
+    said: SlurmConfig,
+    /// As an earlier call left it, or as a config has it.
+    before: SlurmConfig,
 }
 
 /// A job to be submitted.
@@ -88,7 +92,7 @@ impl Desk {
     /// For the work of a folder.
     pub fn new(work: &Path, config: SlurmConfig) -> Result<Self> {
         let work = std::path::absolute(work).with_context(|| format!("{} has no place", work.display()))?;
-        Ok(Self { folder: work.join("slurm"), config })
+        Ok(Self { folder: work.join("slurm"), said: config.clone(), before: config.clone(), config })
     }
 
     /// With the settings of an earlier call, or defaults, and changes.
@@ -125,15 +129,36 @@ impl Desk {
         let (config, changed) = read(sets)?;
         let kept = read(&[]).map(|(_, kept)| kept).unwrap_or_default();
         changed.validate_after(&kept).map_err(|(key, message)| config.invalid(&key, message))?;
-        self.config = changed;
+        (self.config, self.said, self.before) = (changed.clone(), changed, kept);
         Ok(self)
     }
 
     /// For work of so many threads a process: it gets as many processors at least.
-    #[must_use]
-    pub fn for_threads(mut self, threads: usize) -> Self {
-        self.config.cpus = self.config.cpus.max(threads);
-        self
+    pub fn for_threads(self, threads: usize) -> Result<Self> {
+        self.with(|slurm| slurm.cpus = slurm.cpus.max(threads))
+    }
+
+    /// With a change that holds for later calls, too.
+    pub fn with(mut self, change: impl Fn(&mut SlurmConfig)) -> Result<Self> {
+        change(&mut self.config);
+        change(&mut self.said);
+        self.checked()
+    }
+
+    /// With the memory that the work is known to take, where nothing else is said of memory. Later calls may know better, or
+    /// say something: it is not kept for them.
+    pub fn for_memory(mut self, gigabytes: f64) -> Result<Self> {
+        if gigabytes > 0.0 && !self.config.asks_for_memory() {
+            self.config.memory = format!("{:.0}M", (gigabytes * 1024.0).ceil());
+        }
+        self.checked()
+    }
+
+    /// Refuses what options of an earlier version would hide.
+    fn checked(self) -> Result<Self> {
+        let told = self.config.validate_after(&self.before);
+        told.map_err(|(key, message)| anyhow!("{}: `{key}`: {message}", self.settings().display()))?;
+        Ok(self)
     }
 
     /// Whether anything was ever submitted from here.
@@ -141,23 +166,20 @@ impl Desk {
         work.join("slurm/jobs.jsonl").is_file()
     }
 
-    /// Whether settings are kept for later calls.
-    pub fn has_settings(&self) -> bool {
-        self.settings().is_file()
+    /// What to say where nothing was ever said of a cluster; `others` tells how to.
+    pub fn without_settings(&self, others: &str) -> Option<String> {
+        let none = self.before == SlurmConfig::default() && !self.file("jobs.jsonl").is_file();
+        none.then(|| format!("no settings for a cluster are kept here, so that its defaults hold; {others}"))
     }
 
     /// Writes the settings down for later calls that name the folder alone, where it has no others: of what was submitted
     /// those count.
     pub fn keep_for_later(&self) -> Result<()> {
-        let says_nothing = self.config == SlurmConfig::default() && !self.has_settings();
+        let says_nothing = self.said == SlurmConfig::default() && !self.settings().is_file();
         if says_nothing || self.file("jobs.jsonl").is_file() {
             return Ok(());
         }
-        write(&self.settings(), &self.kept()?)
-    }
-
-    fn kept(&self) -> Result<String> {
-        Ok(toml::to_string(&Kept { slurm: self.config.clone() })?)
+        write(&self.settings(), &kept(&self.said)?)
     }
 
     fn settings(&self) -> PathBuf {
@@ -170,9 +192,8 @@ impl Desk {
 
     /// Writes the settings down, for later calls and for the tasks of a submission.
     fn keep(&self, submission: usize) -> Result<()> {
-        let kept = self.kept()?;
-        write(&self.settings(), &kept)?;
-        write(&self.settings_of(submission), &kept)
+        write(&self.settings(), &kept(&self.said)?)?;
+        write(&self.settings_of(submission), &kept(&self.config)?)
     }
 
     /// A file of the desk.
@@ -276,6 +297,11 @@ impl Desk {
     }
 }
 
+/// Settings as a file has them.
+fn kept(slurm: &SlurmConfig) -> Result<String> {
+    Ok(toml::to_string(&Kept { slurm: slurm.clone() })?)
+}
+
 /// A queued job in words.
 fn shown(queued: &Queued, starts: usize) -> String {
     let again = if starts > 1 { format!(", begun {starts} times") } else { String::new() };
@@ -307,7 +333,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let desk = Desk::reopen(dir.path(), &["slurm.time='1:00:00'".into()]).unwrap();
         assert_eq!(desk.config.time, "1:00:00");
-        write(&desk.settings(), &toml::to_string(&Kept { slurm: desk.config }).unwrap()).unwrap();
+        write(&desk.settings(), &kept(&desk.config).unwrap()).unwrap();
         let desk = Desk::reopen(dir.path(), &["slurm.partition=cpu".into()]).unwrap();
         assert_eq!((desk.config.time.as_str(), desk.config.partition.as_str()), ("1:00:00", "cpu"));
         let said = Desk::reopen(dir.path(), &["slurm.time=soon".into()]).err().unwrap().to_string();
@@ -325,7 +351,11 @@ mod tests {
         assert!(said.contains("settings.toml") && said.contains("--set slurm.options='[]'"), "{said}");
         let desk = |cpus: usize| Desk::new(dir.path(), SlurmConfig { cpus, ..SlurmConfig::default() }).unwrap();
         assert_eq!(
-            [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus).for_threads(threads).config.cpus),
+            [(0, 0), (0, 4), (8, 4), (2, 4)].map(|(cpus, threads)| desk(cpus)
+                .for_threads(threads)
+                .unwrap()
+                .config
+                .cpus),
             [0, 4, 8, 4]
         );
     }
@@ -340,13 +370,43 @@ mod tests {
         assert!(!dir.path().join("slurm").exists(), "nothing is asked for");
         desk("4:00:00").keep_for_later().unwrap();
         assert_eq!(kept(), "4:00:00");
+        let note = || Desk::reopen(dir.path(), &[]).unwrap().without_settings("say some");
+        assert_eq!(note(), None);
         desk("").keep_for_later().unwrap();
         assert_eq!(kept(), "", "the table was taken out of the file");
+        assert!(note().unwrap().ends_with("its defaults hold; say some"));
         // A submission knows better.
         desk("2:00:00").keep(1).unwrap();
         std::fs::write(dir.path().join("slurm/jobs.jsonl"), "").unwrap();
         desk("1:00:00").keep_for_later().unwrap();
         assert_eq!(kept(), "2:00:00");
+        // That it asked for nothing was meant.
+        desk("").keep(2).unwrap();
+        assert_eq!((kept(), note()), (String::new(), None));
+    }
+
+    #[test]
+    fn what_follows_from_the_work_stands_in_no_later_callers_way() {
+        let dir = tempfile::tempdir().unwrap();
+        let desk = Desk::new(dir.path(), SlurmConfig::default()).unwrap();
+        let desk = desk.for_threads(3).and_then(|desk| desk.with(|slurm| slurm.at_a_time = 2)).unwrap();
+        let desk = desk.for_memory(1.5).unwrap();
+        desk.keep(1).unwrap();
+        let of_job = Desk::of_submission(dir.path(), Some(1)).unwrap().config;
+        assert_eq!((of_job.memory.as_str(), &of_job), ("1536M", &desk.config));
+        let own = "slurm.options=['--mem-per-cpu=2G']".to_owned();
+        let later = Desk::reopen(dir.path(), &[own]).unwrap().for_memory(1.5).unwrap().config;
+        assert_eq!((later.memory.as_str(), later.cpus, later.at_a_time), ("", 3, 2));
+        // Options of an earlier version hide nothing that is asked for now.
+        let earlier = "[slurm]\ncpus = 2\noptions = ['-c2', '--mem=4G']\n";
+        std::fs::write(dir.path().join("slurm/settings.toml"), earlier).unwrap();
+        let open = || Desk::reopen(dir.path(), &[]).unwrap();
+        assert_eq!(open().for_threads(2).unwrap().for_memory(1.5).unwrap().config.memory, "");
+        let said = open().for_threads(8).err().unwrap().to_string();
+        assert!(
+            said.contains("settings.toml: `slurm.options`: `-c`") && said.contains("--set slurm.options='[]'"),
+            "{said}"
+        );
     }
 
     #[test]
