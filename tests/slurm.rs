@@ -249,6 +249,7 @@ fn a_run_is_extended_by_a_job_or_stays_as_it_is() {
     // The cluster does not want it.
     let said = extend("5");
     assert!(said.contains("Invalid account"), "{said}");
+    assert!(said.contains("no settings for a cluster are kept here") && said.contains("slurm.KEY=VALUE"), "{said}");
     assert_eq!(["config.toml", "run.json"].map(|name| read(&run.join(name))), before);
     // Nor can a run go on whose corpus is another one.
     let former = fs::read(&corpus).unwrap();
@@ -307,6 +308,12 @@ fn threads_and_tables_reach_the_jobs() {
     // What is left to the machine is left to the node, not to the one that submits.
     holds(&run.join("slurm/config.toml"), &["precision = \"auto\""]);
     holds(&run.join("slurm/job-1.sh"), &["--cpus-per-task=3\n", "--qos=low\n", "slurm-task --threads 3 train "]);
+    // One that was begun here has them for later.
+    let begun = dir.path().join("begun");
+    let short = ["--set", "train.steps=1", "--set", "eval.validation_vertices=20"];
+    done("1", &[&["train", text(&base), "--run", text(&begun)], &short[..]].concat());
+    done("0", &["train", "--resume", text(&begun), "--on", "slurm"]);
+    holds(&begun.join("slurm/job-1.sh"), &["--partition=small\n", "--qos=low\n"]);
     done("3", &["curate", text(&dir.path().join("files")), "-o", text(&curated), "--on", "slurm", "--parts", "2"]);
     let jobs = dir.path().join("curated.curation/slurm");
     holds(&jobs.join("job-1.sh"), &["--cpus-per-task=3\n", "slurm-task --threads 3 curate "]);

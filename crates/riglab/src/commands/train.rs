@@ -11,6 +11,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow, bail};
 use riglab_data::SplitNames;
 use riglab_ranks::{Ranks, processors};
+use riglab_slurm::SlurmConfig;
 use riglab_task::Experiment;
 use riglab_task::assets::{Assets, DataConfig};
 use riglab_task::seen::{built_on, seen, warning};
@@ -124,7 +125,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     let threads = if threads == 0 { threads_of(args.resume.as_deref(), ranks)? } else { threads };
     let threads = riglab_torch::init(riglab_torch::Settings { threads });
     let device = device_of(args, ranks)?;
-    let mut longer = None;
+    let (mut longer, mut slurm) = (None, SlurmConfig::default());
     let (config, place) = match (&args.resume, &args.config) {
         (Some(dir), _) => {
             let run = if ranks.leads() { Run::open(dir)? } else { Run::follow(dir) };
@@ -153,7 +154,11 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
         }
         (None, Some(name)) => {
             // Settled once: what is chosen by the processor must be the same for all.
-            let own = if ranks.leads() { named(name, &args.sets)?.to_toml()? } else { String::new() };
+            let mut own = String::new();
+            if ranks.leads() {
+                own = named(name, &args.sets)?.to_toml()?;
+                slurm = settings(&presets::load(name, &args.sets)?)?;
+            }
             let text = ranks.told(own)?;
             let place = args.run.clone().map_or_else(|| Place::Next(runs_of(name)), Place::New);
             (settled(&text, Path::new(name))?, place)
@@ -170,7 +175,7 @@ fn together(args: &Args, threads: usize, ranks: &Ranks) -> Result<ExitCode> {
     };
     let saved = ranks.told(saved)?;
     let tests = !args.tested_otherwise;
-    config.with(device, Session { config: &config, place, tests, longer, saved, threads, device, ranks })
+    config.with(device, Session { config: &config, place, slurm, tests, longer, saved, threads, device, ranks })
 }
 
 /// The threads of each process without a word about them: those that a run was begun with, on as many processes, or what the
@@ -321,6 +326,10 @@ fn hand_over(args: &Args, cluster: &[String], sets: &[String], threads: usize) -
                 may_go_on(dir, &config, || [again(dir, &args.sets), vec!["--on".into(), "slurm".into()]].concat())?;
             }
             let desk = on_slurm::desk(dir, None, cluster)?;
+            if cluster.is_empty() {
+                let note = desk.without_settings("--set slurm.KEY=VALUE gives others");
+                note.iter().for_each(|note| tell!("note: {}: {note}", dir.display()));
+            }
             // One that is in the queue is refused below.
             if !sets.is_empty() && desk.queue()?.is_empty() {
                 let run = Run::open(dir)?;
@@ -372,6 +381,8 @@ enum Place {
 struct Session<'a> {
     config: &'a TaskConfig,
     place: Place,
+    /// What the config of a new run asks of a cluster, on the rank that writes.
+    slurm: SlurmConfig,
     /// Whether evaluations test on what the config names.
     tests: bool,
     /// More steps than the run was to have before, on the rank that writes.
@@ -387,7 +398,7 @@ impl Visitor for Session<'_> {
     type Out = ExitCode;
 
     fn visit<T: Experiment>(self, task: T) -> Result<ExitCode> {
-        let Self { config, place, tests, longer, saved, threads, device, ranks } = self;
+        let Self { config, place, slurm, tests, longer, saved, threads, device, ranks } = self;
         trainable(&task, config, !matches!(place, Place::There(_)))?;
         let mut begun = if saved.is_none() { begin(&task, &config.train().start)? } else { Vec::new() };
         let from = &config.train().start;
@@ -417,6 +428,10 @@ impl Visitor for Session<'_> {
                 (run, false)
             }
         };
+        if !resumed {
+            // A later call may hand it to a cluster.
+            on_slurm::desk(run.dir(), Some(slurm), &[])?.keep_for_later()?;
+        }
         let data = task.assets().summary()?;
         let mut now = RunInfo::new(crate::VERSION, task.name(), threads, &device::name(device));
         (now.ranks, now.steps) = (ranks.size(), config.train().steps);
