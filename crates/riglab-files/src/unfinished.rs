@@ -79,6 +79,11 @@ impl Unfinished {
         &self.temp
     }
 
+    /// Where it will stand: of a link the file it leads to.
+    pub(crate) fn place(&self) -> &Path {
+        &self.place
+    }
+
     /// Has the file made anew by who does not take one that is there, while nobody leaves: it would come back behind the
     /// back of whoever has just taken it away.
     pub fn made_by<T>(&self, make: impl FnOnce(&Path) -> T) -> T {

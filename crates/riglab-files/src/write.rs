@@ -39,8 +39,9 @@ pub fn write_first(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let (mut file, unfinished) = Unfinished::beside(path)?;
     file.write_all(bytes).map_err(|e| plain(&e))?;
     file.sync_all()?;
-    match std::fs::hard_link(unfinished.path(), path) {
-        Ok(()) => sync_folder(folder(path)),
+    // A link whose file is not there yet is itself no such file.
+    match std::fs::hard_link(unfinished.path(), unfinished.place()) {
+        Ok(()) => sync_folder(folder(unfinished.place())),
         Err(e) if e.kind() == io::ErrorKind::AlreadyExists || path.exists() => Ok(()),
         // A disk without such links.
         Err(_) => unfinished.finish(),
@@ -99,6 +100,13 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"one");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1, "nothing unfinished stays");
         assert!(write_first(&dir.path().join("gone/said"), b"one").is_err());
+        // Where a link leads to a file that is not there yet, it is written.
+        let link = dir.path().join("link");
+        std::os::unix::fs::symlink("later", &link).unwrap();
+        write_first(&link, b"three").unwrap();
+        write_first(&link, b"four").unwrap();
+        assert_eq!(fs::read(dir.path().join("later")).unwrap(), b"three");
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
     }
 
     #[test]
