@@ -4,17 +4,15 @@
 //! infinity and NaN are nowhere what is meant, holds of every key of a task's or a recipe's settings, and is said before any
 //! memory is asked for.
 
-use toml::Value;
-
+use crate::tree::{Node, Value};
 use crate::{Config, ConfigError};
 
 /// Layers of one kind at most.
-const LAYERS: i64 = 10_000;
+const LAYERS: i128 = 10_000;
 /// What one axis of a tensor may be long, and what may be worked on at a time.
-const SIZE: i64 = 10_000_000;
-/// Keys that seed, count steps or say how much there is at most: memory does not grow with them.
-const FREE: [&str; 14] = [
-    "seed",
+const SIZE: i128 = 10_000_000;
+/// Keys that count steps or say how much there is at most: memory does not grow with them.
+const FREE: [&str; 13] = [
     "steps",
     "warmup",
     "patience",
@@ -39,14 +37,7 @@ impl Config {
     pub fn bounded(self) -> Result<Self, ConfigError> {
         for leaf in self.leaves() {
             let key = leaf.path.rsplit('.').next().unwrap_or_default();
-            // Of a seed beyond 63 bits TOML's own reader makes nothing.
-            let read = toml::from_str::<toml::Table>(&format!("value = {}", leaf.value)).ok();
-            let fault = match read.and_then(|mut t| t.remove("value")) {
-                Some(value) => fault(key, &value),
-                None if key == "seed" => None,
-                None => leaf.value.parse::<u64>().ok().map(|n| too_large(&n.to_string(), most(key))),
-            };
-            if let Some(message) = fault {
+            if let Some(message) = self.root().find(&leaf.path).and_then(|node| fault(key, node)) {
                 return Err(self.invalid(&leaf.path, message));
             }
         }
@@ -54,25 +45,26 @@ impl Config {
     }
 }
 
-fn most(key: &str) -> i64 {
+fn most(key: &str) -> i128 {
     match key {
-        _ if FREE.contains(&key) || key.starts_with("max_") => i64::MAX,
+        "seed" => u64::MAX.into(),
+        _ if FREE.contains(&key) || key.starts_with("max_") => i64::MAX.into(),
         _ if key.ends_with("layers") || key == "depths" => LAYERS,
         _ => SIZE,
     }
 }
 
-fn fault(key: &str, value: &Value) -> Option<String> {
-    match value {
+fn fault(key: &str, node: &Node) -> Option<String> {
+    match &node.value {
         Value::Float(x) if !x.is_finite() => Some(format!("{x} is no number to compute with")),
-        Value::Integer(n) if *n > most(key) => Some(too_large(&n.to_string(), most(key))),
+        Value::Integer(n) if *n > most(key) => Some(too_large(*n, most(key))),
         Value::Array(all) => all.iter().find_map(|v| fault(key, v)),
-        Value::Table(all) => all.iter().find_map(|(key, v)| fault(key, v)),
+        Value::Table(all) => all.entries.iter().find_map(|(key, entry)| fault(key, &entry.node)),
         _ => None,
     }
 }
 
-fn too_large(n: &str, most: i64) -> String {
+fn too_large(n: i128, most: i128) -> String {
     format!("{n} is more than any machine holds; at most {most}")
 }
 
@@ -91,6 +83,9 @@ mod tests {
             ("[model]\nwidth = 400000000000", "a.toml:2:9: `model.width`: 400000000000 is more than any machine holds"),
             ("[model.encoder]\ndepths = [2, 1000000]", "`model.encoder.depths`: 1000000 is more"),
             ("layers = 18446744073709551615", "at most 10000"),
+            ("steps = 18446744073709551615", "at most 9223372036854775807"),
+            ("depths = [18446744073709551615, 3]", "`depths`: 18446744073709551615 is more"),
+            ("list = [{ seed = 18446744073709551615 }, { points = 18446744073709551615 }]", "at most 10000000"),
             ("scale = [1.0, inf]", "`scale`: inf is no number"),
             ("base = nan", "NaN is no number"),
             ("list = [{ points = 99999999 }]", "99999999 is more"),
