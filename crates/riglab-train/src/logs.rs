@@ -5,6 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 
+use riglab_config::{Config, Leaf};
 use serde_json::{Map, Value, json};
 
 use crate::TrainError;
@@ -47,12 +48,10 @@ impl Logs {
     /// The run's settings, for TensorBoard: as a text, and as a row of the table of runs, whose result
     /// is the curve `objective`.
     pub fn settings(&mut self, config: &str, objective: &str) {
-        let table: toml::Table = toml::from_str(config).unwrap_or_default();
-        let mut flat = BTreeMap::new();
-        flatten("", &table, &mut flat);
+        let values = values(config);
         self.board(|b| {
             b.text("config", &format!("```toml\n{config}\n```"), 0)?;
-            b.hparams(&flat, &[objective])
+            b.hparams(&values, &[objective])
         });
     }
 
@@ -76,16 +75,13 @@ impl Logs {
     }
 }
 
-/// Values by their path, `a.b.c`.
-fn flatten(path: &str, table: &toml::Table, out: &mut BTreeMap<String, String>) {
-    for (key, value) in table {
-        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
-        match value {
-            toml::Value::Table(inner) => flatten(&path, inner, out),
-            toml::Value::String(text) => drop(out.insert(path, text.clone())),
-            other => drop(out.insert(path, other.to_string())),
-        }
-    }
+/// The values of a config by their path, `a.b.c`; none of what is no config.
+fn values(config: &str) -> BTreeMap<String, String> {
+    // TOML's own reader takes no seed beyond 63 bits.
+    let Ok(config) = Config::from_toml_str("config.toml", config) else { return BTreeMap::new() };
+    let leaves = config.leaves().into_iter();
+    // Texts without their quotes.
+    leaves.map(|Leaf { path, value, .. }| (path.clone(), config.get_at(&path).unwrap_or(value))).collect()
 }
 
 /// A file of JSON lines with a `step` each.
@@ -137,6 +133,19 @@ fn cut(path: &Path, step: u64) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_value_of_a_config_is_a_row_whatever_the_seed() {
+        let text = "task = \"a b\"\n[train]\nseed = 18446744073709551615\nrates = [0.5, 1]\n[train.slow]\non = true\n";
+        let wanted = [
+            ("task", "a b"),
+            ("train.rates", "[0.5, 1]"),
+            ("train.seed", "18446744073709551615"),
+            ("train.slow.on", "true"),
+        ];
+        assert_eq!(values(text), wanted.map(|(path, value)| (path.to_owned(), value.to_owned())).into());
+        assert!(values("no config").is_empty());
+    }
 
     #[test]
     fn lines_after_the_checkpoint_and_broken_ones_are_cut() {
