@@ -1,7 +1,6 @@
 //! A curation from a folder to a corpus and its report.
 
 use std::collections::{HashMap, HashSet};
-use std::ffi::OsStr;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -53,6 +52,9 @@ impl Shard {
     }
 }
 
+/// What corpora are called by. The folder's own name is told as such where the corpus is begun.
+const ENDINGS: [&str; 3] = ["h5", "hdf5", "curation"];
+
 /// Where results go.
 #[derive(Clone, Debug)]
 pub struct Places {
@@ -65,17 +67,16 @@ pub struct Places {
 impl Places {
     /// For a corpus `rigs.h5`, the folder `rigs.curation` beside it; for one named otherwise, as `part.1`, `part.1.curation`.
     pub fn of(out: &Path) -> Self {
-        // The folder's own name is told as such where the corpus is begun.
-        let known = |ext: &OsStr| ["h5", "hdf5", "curation"].iter().any(|own| ext.eq_ignore_ascii_case(own));
-        let work = match out.extension() {
-            Some(ext) if !known(ext) => {
-                let mut ext = ext.to_os_string();
-                ext.push(".curation");
-                out.with_extension(ext)
-            }
-            _ => out.with_extension("curation"),
-        };
-        Self { out: out.into(), work }
+        Self { out: out.into(), work: riglab_files::beside(out, &ENDINGS, "curation") }
+    }
+
+    /// Where a review keeps decisions: `rigs.decisions.tsv` beside `rigs.h5`, and `part.1.decisions.tsv` beside `part.1`.
+    pub fn decisions(&self) -> PathBuf {
+        let own = riglab_files::beside(&self.out, &ENDINGS, "decisions.tsv");
+        // Earlier versions took what stands behind the last point for an ending, whatever it was.
+        let earlier = self.out.with_extension("decisions.tsv");
+        let is_of_another = || ["h5", "hdf5", ""].iter().any(|ending| self.out.with_extension(ending).is_file());
+        if !own.exists() && earlier.is_file() && !is_of_another() { earlier } else { own }
     }
 
     /// The journal.
@@ -608,5 +609,24 @@ mod tests {
         let work = |out: &str| Places::of(Path::new(out)).work.display().to_string();
         assert_eq!(["a/b.h5", "b.HDF5"].map(work), ["a/b.curation", "b.curation"]);
         assert_eq!(["part.1", "part.2", "part"].map(work), ["part.1.curation", "part.2.curation", "part.curation"]);
+    }
+
+    #[test]
+    fn each_corpus_has_decisions_of_its_own_and_those_of_earlier_versions_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |name: &str| {
+            let path = Places::of(&dir.path().join(name)).decisions();
+            path.file_name().unwrap().to_string_lossy().into_owned()
+        };
+        let names = ["a.h5", "b.HDF5", "part.1", "part.2", "part"];
+        let own = ["a", "b", "part.1", "part.2", "part"].map(|name| format!("{name}.decisions.tsv"));
+        assert_eq!(names.map(of), own);
+        std::fs::write(dir.path().join("part.decisions.tsv"), "").unwrap();
+        assert_eq!((of("part.1"), of("part")), (own[4].clone(), own[4].clone()));
+        std::fs::write(dir.path().join("part.1.decisions.tsv"), "").unwrap();
+        assert_eq!(of("part.1"), own[2]);
+        // Those of a corpus that is there are nobody else's.
+        std::fs::write(dir.path().join("part.h5"), "").unwrap();
+        assert_eq!((of("part.2"), of("part.h5")), (own[3].clone(), own[4].clone()));
     }
 }

@@ -8,6 +8,7 @@
 //!
 //! Leaves out: what is in the files.
 
+mod beside;
 mod lock;
 mod place;
 mod signals;
@@ -16,6 +17,7 @@ mod unfinished;
 mod walk;
 mod write;
 
+pub use beside::beside;
 pub use lock::is_locked;
 pub use place::is_as_of_folder;
 pub use signals::{Signal, on_signals, was_asked};

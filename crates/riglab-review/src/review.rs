@@ -74,8 +74,8 @@ impl Review {
         self.ledger.state().told
     }
 
-    /// Where decisions are kept if nothing else is said: `rigs.decisions.tsv` beside `rigs.h5`.
+    /// Where decisions are kept if nothing else is said ([`Places::decisions`]).
     pub fn decisions_of(corpus: &Path) -> PathBuf {
-        corpus.with_extension("decisions.tsv")
+        Places::of(corpus).decisions()
     }
 }

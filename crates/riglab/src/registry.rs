@@ -259,11 +259,17 @@ pub struct Evaluated {
 
 /// The folder of an evaluation's pictures, beside its file.
 pub fn pictures(evaluation: &Path) -> PathBuf {
-    match evaluation.with_extension("") {
-        // A name without an ending is the file's.
-        same if same == evaluation => evaluation.with_extension("pictures"),
-        folder => folder,
+    match evaluation.extension() {
+        Some(ending) if ending.eq_ignore_ascii_case("json") => evaluation.with_extension(""),
+        _ => riglab_files::beside(evaluation, &[], "pictures"),
     }
+}
+
+/// Where the pictures of an evaluation are that was made before: earlier versions took what stands behind the last point of a
+/// name for an ending, whatever it was.
+pub fn pictures_there(evaluation: &Path) -> PathBuf {
+    let (own, earlier) = (pictures(evaluation), evaluation.with_extension(""));
+    if own.is_dir() || earlier == evaluation { own } else { earlier }
 }
 
 /// Reads an evaluation of a run, `eval.json` or what `riglab eval --out` wrote; `None` where there is no such file.
@@ -273,7 +279,7 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
     }
     let shown = || path.display();
     let text = std::fs::read_to_string(path).with_context(|| format!("{} cannot be read", shown()))?;
-    let folder = pictures(path);
+    let folder = pictures_there(path);
     let picture = |file: &str| std::fs::read(folder.join(file)).ok();
     let unclear =
         || format!("{} cannot be understood: cut off, or of another version; make it anew with `riglab eval`", shown());
@@ -309,6 +315,19 @@ pub fn evaluation(task: &str, run: &Path, path: &Path) -> Result<Option<Evaluate
 mod tests {
     use super::*;
     use crate::presets;
+
+    #[test]
+    fn each_evaluation_has_pictures_of_its_own_and_those_of_earlier_versions_are_found() {
+        let dir = tempfile::tempdir().unwrap();
+        let names = ["eval.json", "best", "step.100", "step.200"];
+        let of = |find: fn(&Path) -> PathBuf| {
+            names.map(|name| find(&dir.path().join(name)).file_name().unwrap().to_string_lossy().into_owned())
+        };
+        let own = ["eval", "best.pictures", "step.100.pictures", "step.200.pictures"];
+        assert_eq!(of(pictures), own);
+        std::fs::create_dir(dir.path().join("step.100.pictures")).unwrap();
+        assert_eq!(of(pictures_there), ["eval", "best.pictures", "step.100.pictures", "step"]);
+    }
 
     #[test]
     fn an_evaluation_is_of_a_task_and_of_the_corpora_it_looked_at() {

@@ -46,8 +46,8 @@ pub struct Args {
     /// Print eval.json instead of the table.
     #[arg(long)]
     json: bool,
-    /// Where to write the result [default: RUN/eval.json]; pictures go into a folder beside it, named as FILE without its
-    /// ending (or FILE.pictures).
+    /// Where to write the result [default: RUN/eval.json]; pictures go into a folder beside it, named as FILE without
+    /// .json (or FILE.pictures).
     #[arg(long, short, value_name = "FILE", value_parser = file_to_write())]
     out: Option<PathBuf>,
     /// How many best and how many worst assets of each split to show.

@@ -122,7 +122,7 @@ pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
 fn linked(args: &Args, report: &Path) -> String {
     let [run] = args.runs.as_slice() else { return String::new() };
     let evaluated = evaluated_in(args, run);
-    let (home, folder) = (evaluated.parent().unwrap_or(Path::new("")), registry::pictures(&evaluated));
+    let (home, folder) = (evaluated.parent().unwrap_or(Path::new("")), registry::pictures_there(&evaluated));
     let text = std::fs::read_to_string(&evaluated).unwrap_or_default();
     let evaluation: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
