@@ -14,7 +14,7 @@
 //!
 //! - `name`, `digest`: which asset: its name in the folder, and the first 16 digits of its file's BLAKE3
 //!   sum. A file that has changed since is no longer what was decided about; one that was renamed still is, unless another
-//!   file has its name now.
+//!   file has its name now. Of two such files with the same bytes that were decided about otherwise, neither counts.
 //! - `verdict`: `accept` keeps it whatever stages and duplicates say, `reject` drops it, `-` leaves that to
 //!   the stages.
 //! - `category`: one of the eight, or nothing.
@@ -69,6 +69,11 @@ impl Decision {
     /// Whether nothing was decided.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Whether another comes to the same for a corpus.
+    fn agrees(&self, other: &Self) -> bool {
+        (self.verdict, self.category) == (other.verdict, other.category)
     }
 }
 
@@ -225,6 +230,8 @@ impl Decisions {
         }
         let (mut found, mut told) = (HashMap::new(), Vec::new());
         let mut moved = Vec::new();
+        // By asset, those about files that are gone.
+        let mut renamed: BTreeMap<usize, Vec<(&str, &Decision)>> = BTreeMap::new();
         for (name, digest, decision) in self.iter() {
             match by_both.get(&(name, digest)) {
                 Some(&i) => drop(found.insert(i, (decision, Match::Same))),
@@ -234,13 +241,25 @@ impl Decisions {
         for (name, digest, decision) in moved {
             match by_digest.get(&(item(name), digest)).map(Vec::as_slice) {
                 Some(&[i]) if !digest.is_empty() && !is_there(name) => {
-                    found.entry(i).or_insert((decision, Match::Renamed));
+                    renamed.entry(i).or_default().push((name, decision));
                 }
                 _ if by_name.contains_key(name) => {
                     told.push(format!("`{name}` has changed since it was decided about; look at it again"));
                 }
                 _ if !is_of_it(name) => {}
                 _ => told.push(format!("`{name}` is decided about, but is not among the files")),
+            }
+        }
+        renamed.retain(|i, _| !found.contains_key(i));
+        for (i, all) in renamed {
+            let (first, decision) = all[0];
+            match all.iter().find(|(_, other)| !decision.agrees(other)) {
+                None => drop(found.insert(i, (decision, Match::Renamed))),
+                Some((other, _)) => told.push(format!(
+                    "`{first}` and `{other}` are not among the files any more, and `{}` has the bytes of both, of which \
+                     unlike things were decided; neither is applied: keep one of the two lines",
+                    assets[i].0
+                )),
             }
         }
         (found, told)
@@ -349,6 +368,25 @@ mod tests {
         let assets = [("copy.glb", "d1"), ("same.glb", "d3"), ("changed.glb", "d9")];
         let (found, told) = all.applied(&assets, |name| name != "old.glb", |name| name != "lost.glb");
         assert!(found.is_empty() && told.len() == 3, "{found:?} {told:?}");
+        // Two that are gone, of the same bytes.
+        for (verdict, wanted) in
+            [(Verdict::Reject, Some(Verdict::Reject)), (Verdict::Accept, None), (Verdict::Open, None)]
+        {
+            let mut two = Decisions::default();
+            two.set("a.glb", "d1", decision(Verdict::Reject, ""));
+            two.set("b.glb", "d1", decision(verdict, "fine"));
+            let (found, told) = two.applied(&[("c.glb", "d1")], |_| true, |name| name == "c.glb");
+            assert_eq!(found.get(&0).map(|(own, _)| own.verdict), wanted);
+            assert_eq!(told.len(), usize::from(wanted.is_none()));
+            assert!(
+                told.iter().all(|said| said.starts_with("`a.glb` and `b.glb`") && said.contains("`c.glb`")),
+                "{told:?}"
+            );
+            // What was decided about the file that is there stands.
+            two.set("c.glb", "d1", decision(Verdict::Accept, ""));
+            let (found, told) = two.applied(&[("c.glb", "d1")], |_| true, |name| name == "c.glb");
+            assert!(found[&0].0.verdict == Verdict::Accept && told.is_empty(), "{told:?}");
+        }
         let mut theirs = Decisions::default();
         theirs.set("same.glb", "d2", decision(Verdict::Reject, ""));
         all.merge(theirs);
