@@ -3,8 +3,9 @@
 //!
 //! JSON lines: a head with what the results depend on, then records, then, after those of a file, a line
 //! that the file is done. Lines are appended whole; one that was cut off is cut away when the journal is
-//! opened. A file that has changed since, by size or time, is looked at again, and a journal of another
-//! config starts anew. What `manifest.json` says of a file is part of it: what was found hangs on both.
+//! opened. A file that has changed since, by size or time, is looked at again. A journal of other settings, or of another
+//! version of riglab, is put away beside the one that begins, and taken again when its settings come back. What
+//! `manifest.json` says of a file is part of it: what was found hangs on both.
 //!
 //! What is kept is what was found, not the assets: these are read again when the corpus is written, which
 //! takes a second reading but no second copy of the data.
@@ -13,7 +14,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::time::UNIX_EPOCH;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +25,10 @@ use crate::{CurateConfig, CurateError};
 const VERSION: u32 = 3;
 /// Raised when another record would be made of the same file and settings: by rules of import, repair and stages.
 const RULES: u32 = 1;
+/// Journals of other settings that are kept: those that took longest to make, and of such as long the last.
+const KEPT: usize = 4;
+/// How the names of those begin.
+const AWAY: &str = "journal-";
 /// Appends between two syncs: what a loss of power may cost. A kill costs nothing that was appended.
 const SYNC_EVERY: usize = 256;
 
@@ -33,6 +38,9 @@ enum Line {
     Head {
         version: u32,
         config: String,
+        /// What of riglab the records are by; empty in journals of versions that did not say it.
+        #[serde(default)]
+        by: String,
     },
     Asset(Box<Record>),
     /// What was found of a file does not hold any more.
@@ -87,34 +95,49 @@ pub struct JournalContent {
     pub done: HashMap<String, (Stamp, Vec<Record>)>,
     /// Records of files that are not: some of many assets, broken off.
     pub begun: HashMap<String, Vec<Record>>,
-    /// Whether there was a journal of another config, which was put away.
-    pub of_another: bool,
+    /// What there was instead of a journal of these settings.
+    pub other: Option<Other>,
+    /// Where that is put away.
+    away: Option<PathBuf>,
+    /// Whether this is one that had been put away.
+    pub again: bool,
+}
+
+/// A journal whose records are not those that would be made now.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Other {
+    /// It is of other settings.
+    Settings,
+    /// It is of other rules: the version of riglab that has them.
+    Version(String),
+    /// It is of an earlier version, which said neither.
+    Either,
+    /// Its beginning cannot be read, and nothing of it is kept.
+    Broken,
 }
 
 impl Journal {
-    /// Opens the journal at a path, or begins it.
+    /// Opens the journal of these settings, or begins it. The one at the path gives way to it where it is of others.
     ///
     /// # Errors
     /// When it cannot be read or written, or another run has it.
     pub fn open(path: &Path, config: &CurateConfig) -> Result<(Self, JournalContent), CurateError> {
-        let mut file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(path)
-            .map_err(|e| CurateError::write(path, &e))?;
-        // Freed when the process ends, however it ends.
-        if matches!(file.try_lock(), Err(std::fs::TryLockError::WouldBlock)) {
-            return Err(CurateError::Busy(path.into()));
-        }
         let key = key(config);
-        let (mut held, sound) = read(&mut file, Some(&key)).map_err(|e| CurateError::io(path, e))?;
+        let mut file = locked(path)?;
+        let take = |file: &mut File| read(file, path, Some(&key)).map_err(|e| CurateError::io(path, e));
+        let (mut held, mut sound) = take(&mut file)?;
+        // Also where a kill came between putting one away and taking the other.
+        if sound == 0 {
+            let (other, away) = (held.other, held.away);
+            file = changed(path, file, away, &away_from(path, VERSION, &key))?;
+            (held, sound) = take(&mut file)?;
+            held = if sound == 0 { JournalContent::default() } else { JournalContent { again: true, ..held } };
+            held.other = other;
+        }
         file.set_len(sound).and_then(|()| file.seek(SeekFrom::End(0))).map_err(|e| CurateError::write(path, &e))?;
         let mut journal = Self { path: path.into(), file, appended: 0 };
         if sound == 0 {
-            held = JournalContent { of_another: held.of_another, ..JournalContent::default() };
-            journal.append(&[Line::Head { version: VERSION, config: key }])?;
+            journal.append(&[Line::Head { version: VERSION, config: key, by: by() }])?;
         }
         Ok((journal, held))
     }
@@ -182,6 +205,64 @@ impl Journal {
     }
 }
 
+/// The file at a path, made where it is not there, for this run alone.
+fn locked(path: &Path) -> Result<File, CurateError> {
+    let opened = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
+    let file = opened.map_err(|e| CurateError::write(path, &e))?;
+    // Freed when the process ends, however it ends.
+    if matches!(file.try_lock(), Err(std::fs::TryLockError::WouldBlock)) {
+        return Err(CurateError::Busy(path.into()));
+    }
+    Ok(file)
+}
+
+/// Puts a journal away, if it has a place to go to, and takes the one that was put away at `own` instead, if it is there.
+fn changed(path: &Path, file: File, away: Option<PathBuf>, own: &Path) -> Result<File, CurateError> {
+    let moved = || -> std::io::Result<bool> {
+        if let Some(away) = &away {
+            file.set_modified(SystemTime::now())?;
+            std::fs::rename(path, away)?;
+        }
+        let again = own.is_file();
+        if again {
+            std::fs::rename(own, path)?;
+        }
+        Ok(away.is_some() || again)
+    };
+    if !moved().map_err(|e| CurateError::write(path, &e))? {
+        return Ok(file);
+    }
+    // The first is held until this one is.
+    let new = locked(path)?;
+    forget_least(path);
+    Ok(new)
+}
+
+/// Where a journal of such a version and config is put away, beside the one in use.
+fn away_from(path: &Path, version: u32, config: &str) -> PathBuf {
+    let hash = blake3::hash(format!("{version} {config}").as_bytes()).to_hex();
+    path.with_file_name(format!("{AWAY}{}.jsonl", &hash[..16]))
+}
+
+/// Removes all journals that were put away but [`KEPT`]: after a few tries with other settings, not that of a whole folder. One
+/// that cannot be removed stays.
+fn forget_least(path: &Path) {
+    let folder = path.parent().and_then(|folder| folder.read_dir().ok()).into_iter().flatten().flatten();
+    let away = folder.filter(|entry| entry.file_name().to_string_lossy().starts_with(AWAY));
+    let sized = away.filter_map(|entry| {
+        let meta = entry.metadata().ok()?;
+        Some((meta.len(), meta.modified().ok(), entry.path()))
+    });
+    let mut away: Vec<_> = sized.collect();
+    away.sort_by(|a, b| b.cmp(a));
+    away.into_iter().skip(KEPT).for_each(|(.., path)| drop(std::fs::remove_file(path)));
+}
+
+/// What of riglab makes records as they are.
+fn by() -> String {
+    format!("riglab {}, rules {RULES}", env!("CARGO_PKG_VERSION"))
+}
+
 /// All records of the files that are done by a journal of whatever config, for merging shards.
 ///
 /// # Errors
@@ -191,7 +272,7 @@ pub fn records(path: &Path) -> Result<Vec<Record>, CurateError> {
         std::io::ErrorKind::NotFound => CurateError::NoJournal(path.into()),
         _ => CurateError::io(path, e),
     })?;
-    let (held, _) = read(&mut file, None).map_err(|e| CurateError::io(path, e))?;
+    let (held, _) = read(&mut file, path, None).map_err(|e| CurateError::io(path, e))?;
     Ok(held.done.into_values().flat_map(|(_, records)| records).collect())
 }
 
@@ -212,7 +293,7 @@ pub fn text(records: &[Record], config: &str) -> String {
     let mut files: BTreeMap<&str, Vec<&Record>> = BTreeMap::new();
     records.iter().for_each(|record| files.entry(&record.file).or_default().push(record));
     let stamp = Stamp::NONE;
-    let mut text = line(&Line::Head { version: VERSION, config: config.into() });
+    let mut text = line(&Line::Head { version: VERSION, config: config.into(), by: by() });
     for (file, own) in files {
         own.into_iter().for_each(|record| text += &line(&Line::Asset(Box::new(record.clone()))));
         text += &line(&Line::Done { file: file.into(), stamp });
@@ -226,8 +307,9 @@ fn line(line: &Line) -> String {
 }
 
 /// What is held, and how many bytes of it are sound: 0 for a journal of another config.
-fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(JournalContent, u64)> {
+fn read(file: &mut File, path: &Path, key: Option<&str>) -> std::io::Result<(JournalContent, u64)> {
     let mut held = JournalContent::default();
+    file.rewind()?;
     let mut reader = BufReader::new(file);
     let mut line = Vec::new();
     let mut sound = 0;
@@ -238,8 +320,17 @@ fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(JournalContent, 
             return Ok((held, sound));
         }
         match serde_json::from_slice(&line) {
-            Ok(Line::Head { version, config })
-                if sound == 0 && version == VERSION && key.is_none_or(|k| k == config) => {}
+            Ok(Line::Head { version, config, by: made }) if sound == 0 => {
+                if version != VERSION || key.is_some_and(|k| k != config) {
+                    held.away = Some(away_from(path, version, &config));
+                    held.other = Some(match made {
+                        made if made.is_empty() => Other::Either,
+                        made if made != by() => Other::Version(made),
+                        _ => Other::Settings,
+                    });
+                    return Ok((held, 0));
+                }
+            }
             Ok(Line::Asset(record)) if sound > 0 => held.begun.entry(record.file.clone()).or_default().push(*record),
             Ok(Line::Again { file }) if sound > 0 => {
                 held.begun.remove(&file);
@@ -250,7 +341,7 @@ fn read(file: &mut File, key: Option<&str>) -> std::io::Result<(JournalContent, 
                 held.done.insert(file, (stamp, records));
             }
             _ if sound == 0 => {
-                held.of_another = true;
+                held.other = Some(Other::Broken);
                 return Ok((held, 0));
             }
             // A line that is none: a disk that was full in its middle. What follows is looked at again.
@@ -287,7 +378,7 @@ mod tests {
         let config = CurateConfig::default();
         let stamp = Stamp { bytes: 3, modified_ns: 4, said: 5 };
         let (mut journal, held) = Journal::open(&path, &config).unwrap();
-        assert!(held.done.is_empty() && !held.of_another);
+        assert!(held.done.is_empty() && held.other.is_none());
         assert!(matches!(Journal::open(&path, &config), Err(CurateError::Busy(_))));
         journal.add("a.glb", stamp, &[record("a.glb", "a.glb")]).unwrap();
         journal.add_one(&record("set.npz#1", "set.npz")).unwrap();
@@ -357,6 +448,59 @@ mod tests {
     }
 
     #[test]
+    fn journals_are_put_away_and_taken_again_with_their_settings() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("journal.jsonl");
+        let of = |min: usize| {
+            let mut config = CurateConfig::default();
+            config.bones.min = min;
+            config
+        };
+        let add =
+            |min: usize| Journal::open(&path, &of(min)).unwrap().0.add("a", Stamp::NONE, &[record("a", "a")]).unwrap();
+        let open = |min: usize| {
+            let held = Journal::open(&path, &of(min)).unwrap().1;
+            (held.other, held.again, held.done.len())
+        };
+        add(1);
+        assert_eq!(open(2), (Some(Other::Settings), false, 0));
+        assert!(matches!(Journal::open(&path, &of(2)), Ok((_, held)) if held.other.is_none() && !held.again));
+        assert_eq!(open(1), (Some(Other::Settings), true, 1));
+        // A kill between putting one away and taking the other.
+        assert_eq!(open(2), (Some(Other::Settings), true, 0));
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(open(1), (None, true, 1));
+        // Tries that looked at nothing cost no other, and are forgotten, the first of them first.
+        for min in 3..=4 + KEPT {
+            open(min);
+        }
+        assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 1 + KEPT);
+        assert_eq!([3 + KEPT, 3, 1].map(|min| open(min).1), [true, false, true]);
+        assert_eq!(open(1), (None, false, 1));
+    }
+
+    #[test]
+    fn what_a_journal_is_of_is_told() {
+        let dir = tempfile::tempdir().unwrap();
+        let (path, config) = (dir.path().join("journal.jsonl"), CurateConfig::default());
+        let own = text(&[record("a", "a")], "0123");
+        let other = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            Journal::open(&path, &config).unwrap().1.other
+        };
+        assert_eq!(other(&own), Some(Other::Settings));
+        let earlier = Some(Other::Version("riglab 0.0.1, rules 0".into()));
+        assert_eq!(other(&own.replace(&by(), "riglab 0.0.1, rules 0")), earlier);
+        assert_eq!(other(&own.replace(&format!(",\"by\":\"{}\"", by()), "")), Some(Other::Either));
+        assert_eq!(other("x\n"), Some(Other::Broken));
+        assert_eq!(
+            std::fs::read_dir(dir.path()).unwrap().count(),
+            2,
+            "one journal in all was put away, as all say the same config"
+        );
+    }
+
+    #[test]
     fn a_journal_of_another_config_starts_anew() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("journal.jsonl");
@@ -367,9 +511,9 @@ mod tests {
         assert_eq!(Journal::open(&path, &config).unwrap().1.done.len(), 1);
         config.bones.min = 5;
         let (_, held) = Journal::open(&path, &config).unwrap();
-        assert!(held.of_another && held.done.is_empty());
+        assert!(held.other.is_some() && held.done.is_empty());
         std::fs::write(&path, text(&[record("a", "a")], &key_by(&config, RULES - 1))).unwrap();
         let (_, held) = Journal::open(&path, &config).unwrap();
-        assert!(held.of_another && held.done.is_empty(), "by earlier rules");
+        assert!(held.other.is_some() && held.done.is_empty(), "by earlier rules");
     }
 }

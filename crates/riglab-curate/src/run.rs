@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::config::{CurateConfig, ImportConfig, RepairConfig, SplitBy};
 use crate::decisions::Decisions;
 use crate::funnel::Funnel;
-use crate::journal::{Journal, Stamp};
+use crate::journal::{Journal, JournalContent, Other, Stamp};
 use crate::judge::{Judgement, judge};
 use crate::label::label;
 use crate::pictures::Pictures;
@@ -244,8 +244,8 @@ fn look(
     tell: Tell,
 ) -> Result<(Vec<Record>, Mutex<Journal>), CurateError> {
     let (journal, mut held) = Journal::open(&places.journal(), config)?;
-    if held.of_another {
-        tell("the journal was written with other settings: all files are read again", 0, 0);
+    if let Some(told) = told(&held) {
+        tell(&told, 0, 0);
     }
     let mut journal = journal;
     let mut all: Vec<Record> = Vec::new();
@@ -289,6 +289,20 @@ fn look(
     locked(&journal).sync()?;
     all.sort_by(|a, b| a.name.cmp(&b.name));
     Ok((all, journal))
+}
+
+/// What there was instead of a journal of these settings, and what comes of it.
+fn told(held: &JournalContent) -> Option<String> {
+    let why = match held.other.as_ref()? {
+        Other::Settings => "with other settings".to_owned(),
+        Other::Version(by) => format!("by another version of riglab ({by})"),
+        Other::Either => "with other settings, or by an earlier version of riglab".into(),
+        Other::Broken => return Some("the journal's beginning cannot be read: all files are read again".into()),
+    };
+    Some(match held.again {
+        true => format!("the journal was written {why}; the one that these settings left goes on"),
+        false => format!("the journal was written {why}: all files are read again, and it is kept for who goes back"),
+    })
 }
 
 fn locked(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {

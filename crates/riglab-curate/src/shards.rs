@@ -137,19 +137,21 @@ fn funnel(path: &Path) -> Option<Funnel> {
     std::fs::read(path).ok().and_then(|text| serde_json::from_slice(&text).ok())
 }
 
-/// What the settings were, as journals say it, by which the inputs' files were looked at; told where they were not those of
-/// `config` alone, as merging looks at no file.
+/// What the settings and the version were, as journals say it, by which the inputs' files were looked at; told where they were
+/// not those of `config` alone, as merging looks at no file.
 fn looked_at(inputs: &[Places], config: &CurateConfig, tell: Tell) -> String {
     let keys: Vec<String> = inputs.iter().map(|input| settings(&input.journal())).collect();
     let first = keys.first().cloned().unwrap_or_default();
     if let Some(other) = keys.iter().position(|key| *key != first) {
         let [a, b] = [&inputs[0], &inputs[other]].map(|input| input.out.display());
-        tell(&format!("{a} and {b} were made with different settings, so their assets passed different stages"), 0, 0);
+        let how = "were made with different settings or versions of riglab";
+        tell(&format!("{a} and {b} {how}, so their assets passed different stages"), 0, 0);
         return keys.concat();
     }
     if first != key(config) {
-        let told = "the parts were made with other settings than these: merging looks at no file, so settings of import and \
-                    repair have no effect, and of stages that of duplicates alone; curate the files again for that";
+        let told = "the parts were made with other settings than these, or by another version of riglab: merging looks at no \
+                    file, so settings of import and repair have no effect, and of stages that of duplicates alone; curate the \
+                    files again for that";
         tell(told, 0, 0);
     }
     first
