@@ -21,38 +21,46 @@ pub(crate) enum Asked {
 }
 
 /// The lines of an OBJ that tobj is given: valid UTF-8, without comments, points and lines (which it takes for faces), of
-/// texture coordinates two numbers, of vertices three and what else is asked for.
+/// texture coordinates two numbers, of vertices three and what else is asked for. Colours and texture coordinates that some
+/// vertices or corners have and others lack are NaN for those, as tobj gives lists of which is not known whose they are.
 pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
     let text = String::from_utf8_lossy(unmarked(bytes));
     let text = match text.contains('\\') {
         true => joined(&text).flat_map(|(_, line)| [line, "\n".into()]).collect::<String>().into(),
         false => text,
     };
-    let coloured = asked != Asked::Surface
-        && text.lines().all(|line| line.split_whitespace().next() != Some("v") || numbers(line) >= 6);
+    let is_coloured = |line: &str| line.split_whitespace().next() == Some("v") && numbers(line) >= 6;
+    let coloured = asked != Asked::Surface && text.lines().any(is_coloured);
+    let lacking = asked == Asked::All && some_lack_coordinates(&text);
     let mut out = String::with_capacity(text.len());
+    if lacking {
+        out.push_str("vt nan nan\n");
+    }
     for line in text.lines() {
         let mut words = line.split_whitespace();
         let Some(word) = words.next() else { continue };
         match word {
             "v" => {
-                let count = match numbers(line) {
-                    // With a weight.
-                    4 => 4,
-                    6.. if coloured => 6,
-                    _ => 3,
-                };
+                let words: Vec<&str> = words.take(numbers(line).min(6)).collect();
                 out.push('v');
-                words.take(count).for_each(|number| {
-                    out.push(' ');
-                    out.push_str(number);
-                });
+                let (place, colour) = words.split_at(words.len().min(3));
+                match colour {
+                    &[weight] => out.push_str(&weighted(place, weight, coloured)),
+                    _ => place.iter().for_each(|number| out.extend([" ", number])),
+                }
+                for k in (0..3).filter(|_| coloured) {
+                    let own = colour.get(k).filter(|own| colour.len() == 3 && own.parse::<f32>().is_ok());
+                    out.extend([" ", own.unwrap_or(&"nan")]);
+                }
             }
             "f" => {
                 out.push('f');
                 words.take_while(|word| !word.starts_with('#')).for_each(|corner| {
                     out.push(' ');
-                    out.push_str(corner);
+                    match lacking {
+                        true => out.push_str(&shifted(corner)),
+                        false => out.push_str(corner),
+                    }
                 });
             }
             "o" | "g" => out.push_str(line.trim()),
@@ -66,7 +74,12 @@ pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
                 out.push_str(name);
             }
             "vt" if asked == Asked::All => {
-                let mut number = || words.next().filter(|w| w.parse::<f32>().is_ok_and(f32::is_finite)).unwrap_or("0");
+                // What is left out is 0, and what is no number none.
+                let mut given = words.take_while(|word| !word.starts_with('#'));
+                let mut number = || match given.next().unwrap_or("0") {
+                    word if word.parse::<f32>().is_ok() => word,
+                    _ => "nan",
+                };
                 out.push_str(&format!("vt {} {}", number(), number()));
             }
             "vn" if asked == Asked::All => out.push_str(line.trim()),
@@ -75,6 +88,55 @@ pub(crate) fn obj(bytes: &[u8], asked: Asked) -> Vec<u8> {
         out.push('\n');
     }
     out.into_bytes()
+}
+
+/// A place and its weight, by which tobj divides it, but not where a colour follows.
+fn weighted(place: &[&str], weight: &str, coloured: bool) -> String {
+    let number = |word: &str| word.parse::<f32>().ok();
+    let divided = || -> Option<String> {
+        let weight = number(weight).filter(|weight| coloured && *weight != 0.0)?;
+        place.iter().map(|word| Some(format!(" {}", number(word)? / weight))).collect()
+    };
+    divided().unwrap_or_else(|| format!(" {} {weight}", place.join(" ")))
+}
+
+/// Whether some corners of faces have texture coordinates, and others none.
+fn some_lack_coordinates(text: &str) -> bool {
+    let (mut with, mut without) = (false, false);
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        if words.next() != Some("f") {
+            continue;
+        }
+        for corner in words.take_while(|word| !word.starts_with('#')) {
+            match coordinates(corner) {
+                Some(_) => with = true,
+                None => without = true,
+            }
+        }
+        if with && without {
+            return true;
+        }
+    }
+    false
+}
+
+/// Which texture coordinates the corner of a face has; tobj takes number 0 for none.
+fn coordinates(corner: &str) -> Option<&str> {
+    corner.split('/').nth(1).filter(|number| !["", "0"].contains(number))
+}
+
+/// The corner of a face where others come first that are none: with these where it has none.
+fn shifted(corner: &str) -> String {
+    let number = match coordinates(corner) {
+        None => "1".into(),
+        // What counts from the end does so still.
+        Some(own) => own.parse::<u64>().map_or_else(|_| own.to_owned(), |own| own.saturating_add(1).to_string()),
+    };
+    let mut parts = corner.split('/');
+    let (place, normal) = (parts.next().unwrap_or_default(), parts.nth(1));
+    let normal = normal.filter(|normal| !normal.is_empty()).map_or(String::new(), |normal| format!("/{normal}"));
+    format!("{place}/{number}{normal}")
 }
 
 /// How many numbers a line gives behind its first word.
@@ -189,11 +251,18 @@ mod tests {
     }
 
     #[test]
-    fn colours_are_kept_where_every_vertex_has_one() {
+    fn colours_and_coordinates_are_kept_where_some_have_them() {
         let all = b"v 0 0 0 1 0 0 1\nv 1 0 0 0 1 0\n";
         assert_eq!(text(obj(all, Asked::Looks)), "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\n");
         assert_eq!(text(obj(all, Asked::Surface)), "v 0 0 0\nv 1 0 0\n");
-        assert_eq!(text(obj(b"v 0 0 0 1 0 0\nv 1 0 0\n", Asked::All)), "v 0 0 0\nv 1 0 0\n");
+        let some = b"v 0 0 0 1 0 0\nv 1 0 0\nv 1 0 3 2\nv 1 0 0 1 1 x\n";
+        let wanted = "v 0 0 0 1 0 0\nv 1 0 0 nan nan nan\nv 0.5 0 1.5 nan nan nan\nv 1 0 0 1 1 nan\n";
+        assert_eq!(text(obj(some, Asked::All)), wanted);
+        let some = b"vt .5 1 # a\nvt\nvt x inf\nf 1/1/2 2/-1 3 # b\nf 1//2 2/ 3/0\n";
+        let wanted = "vt nan nan\nvt .5 1\nvt 0 0\nvt nan inf\nf 1/2/2 2/-1 3/1\nf 1/1/2 2/1 3/1\n";
+        assert_eq!(text(obj(some, Asked::All)), wanted);
+        assert_eq!(text(obj(some, Asked::Looks)), "f 1/1/2 2/-1 3\nf 1//2 2/ 3/0\n");
+        assert_eq!(text(obj(b"vt 1 # a\nf 1/1 2/1 3/1\n", Asked::All)), "vt 1 0\nf 1/1 2/1 3/1\n");
     }
 
     #[test]

@@ -21,6 +21,7 @@ mod dressed;
 #[cfg(feature = "fbx")]
 mod fbx;
 mod looks;
+mod mended;
 mod names;
 mod normals;
 mod note;

@@ -55,6 +55,13 @@ pub enum SubjectNote {
         /// How many.
         parts: usize,
     },
+    /// Vertices lack what others of their part have, or it is no finite number for them.
+    Mended {
+        /// How many texture coordinates are 0 now.
+        coordinates: usize,
+        /// How many colours are white now.
+        colours: usize,
+    },
     /// Materials name pictures for what is not taken over, by the words of the format.
     MapsLeft(Vec<String>),
     /// Other things of the file are not taken over: what and how many.
@@ -130,6 +137,15 @@ impl fmt::Display for SubjectNote {
                     "parts have a material with a texture, but no texture coordinates (UVs); they are",
                 );
                 write!(f, "{have} written without the texture")
+            }
+            Self::Mended { coordinates, colours } => {
+                let parts = [
+                    (coordinates, "texture coordinate was set to 0", "texture coordinates were set to 0"),
+                    (colours, "colour was set to white", "colours were set to white"),
+                ];
+                let told = parts.iter().filter(|(n, ..)| **n > 0).map(|(n, one, many)| of_number(**n, one, many));
+                let told: Vec<_> = told.collect();
+                write!(f, "of vertices that have none, or no finite number, while others do, {}", told.join(", "))
             }
             Self::MapsLeft(words) => {
                 write!(f, "textures of its materials that are not taken over: {}", words.join(", "))

@@ -8,6 +8,7 @@ use tobj::{LoadError, LoadOptions};
 
 use super::SubjectNote;
 use super::beside::Beside;
+use super::mended::Mender;
 use super::surface::linear;
 use crate::Fault;
 use crate::gltf::export::model::{Lie, Look, Model, Object, Patch, Picture};
@@ -46,8 +47,9 @@ pub(crate) fn read(
     if !left.is_empty() {
         notes.push(SubjectNote::MapsLeft(left.into_iter().collect()));
     }
+    let mut mender = Mender::default();
     for part in models {
-        let patch = patch(&part).map_err(|reason| wavefront::explain(bytes, &reason))?;
+        let patch = patch(&part, &mut mender).map_err(|reason| wavefront::explain(bytes, &reason))?;
         if patch.indices.is_empty() {
             continue;
         }
@@ -63,6 +65,7 @@ pub(crate) fn read(
             }),
         }
     }
+    mender.tell(notes);
     Ok(model)
 }
 
@@ -87,7 +90,7 @@ fn libraries(line: &str, beside: &Beside) -> (Option<Vec<u8>>, Vec<String>) {
 }
 
 /// A part, or what is wrong with it.
-fn patch(part: &tobj::Model) -> Result<Patch, String> {
+fn patch(part: &tobj::Model, mender: &mut Mender) -> Result<Patch, String> {
     let mesh = &part.mesh;
     let positions: Vec<[f32; 3]> = mesh.positions.as_chunks().0.to_vec();
     if positions.as_flattened().iter().any(|x| !x.is_finite()) {
@@ -99,16 +102,17 @@ fn patch(part: &tobj::Model) -> Result<Patch, String> {
     if let Some(v) = indices.iter().find(|v| **v as usize >= count) {
         return Err(format!("object `{}` names vertex {v} of {count}", part.name));
     }
-    // Where a face leaves them out, there are fewer than vertices, and whose they are is not known.
-    let whole = |list: &[f32], per: usize| list.len() == per * count && list.iter().all(|x| x.is_finite());
-    let mut coordinates: Vec<[f32; 2]> = Vec::new();
+    // Where a face leaves normals out, there are fewer than vertices, and whose they are is not known.
+    let whole = |list: &[f32], per: usize| list.len() == per * count;
+    let (mut coordinates, mut colours) = (Vec::new(), Vec::new());
     if whole(&mesh.texcoords, 2) {
-        coordinates.extend(mesh.texcoords.as_chunks().0.iter().map(|&[u, v]| [u, 1.0 - v]));
+        let sound = mender.coordinates(mesh.texcoords.as_chunks().0);
+        coordinates.extend(sound.into_iter().map(|[u, v]| [u, 1.0 - v]));
     }
-    let mut colours: Vec<[f32; 4]> = Vec::new();
     if whole(&mesh.vertex_color, 3) {
+        let opaque: Vec<[f32; 4]> = mesh.vertex_color.as_chunks().0.iter().map(|&[r, g, b]| [r, g, b, 1.0]).collect();
         let one = |c: f32| linear(c.clamp(0.0, 1.0));
-        colours.extend(mesh.vertex_color.as_chunks().0.iter().map(|&[r, g, b]| [one(r), one(g), one(b), 1.0]));
+        colours.extend(mender.colours(&opaque).into_iter().map(|[r, g, b, a]| [one(r), one(g), one(b), a]));
     }
     let own: &[f32] = if whole(&mesh.normals, 3) { &mesh.normals } else { &[] };
     let normals = super::normals::complete(own.as_chunks().0, &positions, indices.as_chunks().0);
@@ -343,6 +347,34 @@ mod tests {
     }
 
     #[test]
+    fn what_some_vertices_lack_costs_the_others_nothing() {
+        const VERTICES: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
+        let read = |text: &str| {
+            let mut notes = Vec::new();
+            let mut model = read("m", text.as_bytes(), None, &mut notes).unwrap();
+            let patches = model.objects.iter_mut().map(|object| object.patches.remove(0));
+            (patches.collect::<Vec<_>>(), notes)
+        };
+        // The second face has no coordinates, one of the third are none; what stands from the end keeps its place.
+        let faces = "vt 0 .25\nvt 1 .25\nvt 0 1\nf 1/1 2/2 3/-1\nf 1 3 4\nvt nan 0\nf 1/1 2/2 4/4\n";
+        let (patches, notes) = read(&format!("{VERTICES}{faces}o bare\nf 1 2 3\n"));
+        let mut told: Vec<_> =
+            patches[0].positions.iter().zip(&patches[0].coordinates).map(|(p, c)| (p[1], *c)).collect();
+        told.truncate(3);
+        assert_eq!(told, [(0.0, [0.0, 0.75]), (0.0, [1.0, 0.75]), (1.0, [0.0, 0.0])]);
+        assert_eq!(patches[0].coordinates[3..], [[0.0, 1.0]; 4]);
+        // Who has none at all gets none.
+        assert!(patches[1].coordinates.is_empty());
+        assert_eq!(notes, [SubjectNote::Mended { coordinates: 4, colours: 0 }]);
+        let coloured = "v 0 0 0 1 0 0\nv 1 0 0\nv 1 1 0 nan .5 .5\nv 0 1 0 0 1 x\nv 2 0 0 0 0 1\nf 1 2 3\nf 3 4 5\n";
+        let (patches, notes) = read(&format!("{coloured}o bare\nv 0 0 1\nv 0 1 1\nv 1 1 1\nf 6 7 8\n"));
+        let white = [1.0; 4];
+        assert_eq!(patches[0].colours, [[1.0, 0.0, 0.0, 1.0], white, white, white, [0.0, 0.0, 1.0, 1.0]]);
+        assert!(patches[1].colours.is_empty());
+        assert_eq!(notes, [SubjectNote::Mended { coordinates: 0, colours: 3 }]);
+    }
+
+    #[test]
     fn what_does_not_fit_the_surface_is_left_out() {
         let text = format!("mtllib none.mtl\n{QUAD}usemtl x\nf 1/1 2/99 3/3\n");
         let mut notes = Vec::new();
@@ -355,7 +387,7 @@ mod tests {
         let model = read("m", text, None, &mut Vec::new()).unwrap();
         let patch = &model.objects[0].patches[0];
         assert_eq!(patch.colours[1], [0.0, 1.0, 0.0, 1.0]);
-        assert!(patch.coordinates.is_empty() || patch.coordinates.len() == patch.positions.len());
+        assert_eq!(patch.coordinates.len(), patch.positions.len());
         for broken in ["v 0 0\n", "v 0 0 nan\nv 0 0 0\nv 1 0 0\nf 1 2 3\n", "v 0 0 0\nf 1 2 3\n", "f 0 0 0\n"] {
             assert!(matches!(read("m", broken.as_bytes(), None, &mut Vec::new()), Err(Fault::Obj(_))), "{broken}");
         }

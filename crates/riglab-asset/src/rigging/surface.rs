@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use super::beside::Beside;
+use super::mended::{Mender, is_sound};
 use super::{SubjectNote, normals};
 use crate::gltf::export::model::{Look, Model, Object, Patch};
 use crate::surface::Surface;
 
 /// A model of one mesh. Its picture is looked for in `folder`, if at all. Normals that are missing are the mean of the
-/// triangles around each place.
+/// triangles around each place; a vertex whose colour or texture coordinates are broken costs the others nothing.
 pub(crate) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut Vec<SubjectNote>) -> Model {
     let mut model = Model { name: name.into(), ..Model::default() };
     if !of.left.is_empty() {
@@ -18,28 +19,28 @@ pub(crate) fn model(name: &str, of: Surface, folder: Option<&Path>, notes: &mut 
         return model;
     }
     let normals = normals::complete(&of.normals, &of.positions, &of.triangles);
-    let sound = |all: &[f32]| all.iter().all(|x| x.is_finite());
     let mut patch = Patch { normals, ..Patch::default() };
-    if sound(of.coordinates.as_flattened()) {
-        patch.coordinates = of.coordinates.iter().map(|&[u, v]| [u, 1.0 - v]).collect();
-    }
-    if sound(of.colours.as_flattened()) {
-        // Nothing of a surface that is seen through everywhere would be: not meant.
-        let hidden = of.colours.iter().all(|c| c[3] == 0.0);
-        let alpha = |a: f32| if hidden { 1.0 } else { a };
-        patch.colours = of.colours.iter().map(|&[r, g, b, a]| [linear(r), linear(g), linear(b), alpha(a)]).collect();
-    }
+    let mut mender = Mender::default();
+    let coordinates = mender.coordinates(&of.coordinates).into_iter();
+    patch.coordinates = coordinates.map(|[u, v]| [u, 1.0 - v]).collect();
+    // Nothing of a surface that is seen through everywhere would be: not meant.
+    let hidden = of.colours.iter().filter(|c| is_sound(&c[..])).all(|c| c[3] == 0.0);
+    let alpha = |a: f32| if hidden { 1.0 } else { a };
+    let colours = mender.colours(&of.colours).into_iter();
+    patch.colours = colours.map(|[r, g, b, a]| [linear(r), linear(g), linear(b), alpha(a)]).collect();
+    mender.tell(notes);
     // A mesh has one look, and so one picture.
     if of.pictures.len() > 1 {
         let others = of.pictures[1..].iter().map(|name| format!("the picture `{name}`"));
         notes.push(SubjectNote::ThingsLeft(others.collect()));
     }
-    let named = of.pictures.first().filter(|_| !patch.coordinates.is_empty());
-    if let Some(named) = named {
-        match Beside::new(folder).picture(named) {
+    match of.pictures.first().map(|named| (named, patch.coordinates.is_empty())) {
+        None => {}
+        Some((_, true)) => notes.push(SubjectNote::Unplaced { parts: 1 }),
+        Some((named, false)) => match Beside::new(folder).picture(named) {
             Ok(picture) => model.pictures.push(picture),
             Err(note) => notes.push(note),
-        }
+        },
     }
     let picture = (!model.pictures.is_empty()).then_some(0);
     // What is grey by itself would darken both.
@@ -109,6 +110,21 @@ mod tests {
     }
 
     #[test]
+    fn one_broken_vertex_costs_no_other_its_colour_or_place_in_the_picture() {
+        let mut notes = Vec::new();
+        let colours = vec![[0.0, 1.0, 0.0, 0.0], [0.0, f32::NAN, 0.0, 0.0], [1.0, 1.0, 0.0, 0.0]];
+        let coordinates = vec![[0.5, 0.25], [0.5, 1.0], [f32::INFINITY, 0.0]];
+        let model = model("a", Surface { colours, coordinates, ..triangle() }, None, &mut notes);
+        let patch = &model.objects[0].patches[0];
+        assert_eq!(patch.colours, [[0.0, 1.0, 0.0, 1.0], [1.0; 4], [1.0, 1.0, 0.0, 1.0]]);
+        assert_eq!(patch.coordinates, [[0.5, 0.75], [0.5, 0.0], [0.0, 1.0]]);
+        assert_eq!(notes, [SubjectNote::Mended { coordinates: 1, colours: 1 }]);
+        let told = "of vertices that have none, or no finite number, while others do, 1 texture coordinate was set to 0, \
+                    1 colour was set to white";
+        assert_eq!(notes[0].to_string(), told);
+    }
+
+    #[test]
     fn a_picture_is_found_beside_the_file_where_there_are_coordinates_for_it() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("a b.png"), b"\x89PNG\r\n\x1a\n and so on").unwrap();
@@ -123,7 +139,7 @@ mod tests {
         assert_eq!(seen.objects[0].patches[0].coordinates, [[0.5, 0.75]; 3]);
         assert!(of("a b.png", f32::NAN).looks.is_empty());
         assert!(of("gone.png", 0.5).looks.is_empty());
-        assert_eq!(notes, [SubjectNote::FileMissing("gone.png".into())]);
+        assert_eq!(notes, [SubjectNote::Unplaced { parts: 1 }, SubjectNote::FileMissing("gone.png".into())]);
         notes.clear();
         let pictures = vec!["a b.png".into(), "b.png".into()];
         let surface = Surface { coordinates: vec![[0.5; 2]; 3], pictures, ..triangle() };
