@@ -102,6 +102,8 @@ pub enum ExportNote {
         normals: usize,
         /// Texture coordinates, which are 0 now.
         coordinates: usize,
+        /// Colours of vertices, which are white now.
+        colours: usize,
         /// What morph targets add to a vertex, which is nothing now.
         offsets: usize,
         /// Primitives whose tangents were left out.
@@ -250,10 +252,11 @@ impl fmt::Display for ExportNote {
                 f,
                 "the old rig cannot be read and was left out: {fault}; the model stands where its nodes place it"
             ),
-            Self::NotFinite { normals, coordinates, offsets, tangents, channels } => {
+            Self::NotFinite { normals, coordinates, colours, offsets, tangents, channels } => {
                 let parts = [
                     (normals, "normal was made anew", "normals were made anew"),
                     (coordinates, "texture coordinate was set to 0", "texture coordinates were set to 0"),
+                    (colours, "colour was set to white", "colours were set to white"),
                     (offsets, "offset of a morph target was set to 0", "offsets of morph targets were set to 0"),
                     (tangents, "primitive lost its tangents", "primitives lost their tangents"),
                     (channels, "animation channel was left out", "animation channels were left out"),

@@ -11,7 +11,7 @@ fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
-/// The tiny rig with normals, tangents, coordinates, a morph target and a motion of two channels; `bad` is one number of
+/// The tiny rig with normals, tangents, coordinates, colours, a morph target and a motion of two channels; `bad` is one number of
 /// each but the second channel.
 fn full(bad: f32) -> Tiny {
     let normals = [[0.0, 0.0, 2.0], [bad, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0; 3]];
@@ -19,6 +19,7 @@ fn full(bad: f32) -> Tiny {
     let coordinates = [[0.5, 0.25], [0.5, bad], [0.0, 1.0], [1.0, 1.0]];
     let offsets = [[0.0, 0.1, 0.0], [0.0; 3], [0.0, bad, 0.0], [0.0; 3]];
     let turns = [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, bad, 1.0]];
+    let colours = [[0.5, 0.5, 0.5, 1.0], [1.0, 0.0, 0.0, 0.5], [0.0, 0.0, bad, 0.0], [0.0; 4]];
     let shifts = [[0.0, 1.0, 0.0], [0.0, 1.5, 0.0]];
     let tiny = Tiny::new()
         .with_accessor(5126, "VEC3", 4, &floats(normals.as_flattened()))
@@ -27,7 +28,8 @@ fn full(bad: f32) -> Tiny {
         .with_accessor(5126, "VEC3", 4, &floats(offsets.as_flattened()))
         .with_accessor(5126, "SCALAR", 2, &floats(&[0.0, 1.0]))
         .with_accessor(5126, "VEC4", 2, &floats(turns.as_flattened()))
-        .with_accessor(5126, "VEC3", 2, &floats(shifts.as_flattened()));
+        .with_accessor(5126, "VEC3", 2, &floats(shifts.as_flattened()))
+        .with_accessor(5126, "VEC4", 4, &floats(colours.as_flattened()));
     let channel = |sampler: usize, path: &str| json!({"sampler": sampler, "target": {"node": 2, "path": path}});
     let samplers = json!([{"input": 9, "output": 10}, {"input": 9, "output": 11}]);
     let mut tiny = tiny
@@ -35,8 +37,8 @@ fn full(bad: f32) -> Tiny {
             "/animations",
             json!([{"channels": [channel(0, "rotation"), channel(1, "translation")], "samplers": samplers}]),
         )
-        .with("/meshes/0/primitives/0/targets", json!([{"POSITION": 8}]));
-    for (name, accessor) in [("NORMAL", 5), ("TANGENT", 6), ("TEXCOORD_0", 7)] {
+        .with("/meshes/0/primitives/0/targets", json!([{"POSITION": 8, "TEXCOORD_0": 7, "COLOR_0": 12}]));
+    for (name, accessor) in [("NORMAL", 5), ("TANGENT", 6), ("TEXCOORD_0", 7), ("COLOR_0", 12)] {
         tiny = tiny.with(&format!("/meshes/0/primitives/0/attributes/{name}"), json!(accessor));
     }
     tiny
@@ -65,7 +67,8 @@ fn parts(glb: &[u8]) -> (Value, impl Fn(&Value) -> Vec<f32> + '_) {
     (json, read)
 }
 
-const TOLD: ExportNote = ExportNote::NotFinite { normals: 1, coordinates: 1, offsets: 1, tangents: 1, channels: 1 };
+const TOLD: ExportNote =
+    ExportNote::NotFinite { normals: 1, coordinates: 1, colours: 1, offsets: 3, tangents: 1, channels: 1 };
 
 #[test]
 fn what_is_not_finite_is_mended_and_told_and_the_rest_stays() {
@@ -82,6 +85,12 @@ fn what_is_not_finite_is_mended_and_told_and_the_rest_stays() {
         // The others are no unit vectors, and no matter of this.
         assert_eq!((&normals[..3], &normals[6..]), (&[0.0, 0.0, 2.0][..], &[0.0, 1.0, 0.0, 0.0, 0.0, 0.0][..]));
         assert_eq!(read(&primitive["attributes"]["TEXCOORD_0"]), [0.5, 0.25, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+        let colours = [0.5, 0.5, 0.5, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0];
+        assert_eq!(read(&primitive["attributes"]["COLOR_0"]), colours);
+        // Nothing is added to them, which is not what they are.
+        let added = read(&primitive["targets"][0]["COLOR_0"]);
+        assert_eq!((&added[..8], &added[8..]), (&colours[..8], &[0.0; 8][..]));
+        assert_eq!(read(&primitive["targets"][0]["TEXCOORD_0"]), [0.5, 0.25, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
         let offsets = read(&primitive["targets"][0]["POSITION"]);
         assert_eq!((offsets[1], offsets.iter().filter(|x| **x != 0.0).count()), (0.1, 1));
         assert!(primitive["attributes"].get("TANGENT").is_none());
@@ -100,8 +109,8 @@ fn what_is_not_finite_is_mended_and_told_and_the_rest_stays() {
     assert_eq!(
         TOLD.to_string(),
         "numbers in it are not finite (NaN or infinity), which glTF does not allow: 1 normal was made anew, 1 texture \
-         coordinate was set to 0, 1 offset of a morph target was set to 0, 1 primitive lost its tangents, 1 animation \
-         channel was left out"
+         coordinate was set to 0, 1 colour was set to white, 3 offsets of morph targets were set to 0, 1 primitive lost \
+         its tangents, 1 animation channel was left out"
     );
 }
 

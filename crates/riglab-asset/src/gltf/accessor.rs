@@ -84,6 +84,7 @@ const SHARES: Usage = Usage {
     ..ROTATIONS
 };
 const DIRECTION: Usage = Usage { name: "NORMAL or a morph target", ..POSITION };
+#[cfg(feature = "fbx")]
 const TEXCOORD: Usage = Usage {
     name: "TEXCOORD",
     shape: "VEC2",
@@ -189,6 +190,7 @@ impl<'a> Accessors<'a> {
     }
 
     /// Texture coordinates; not kept.
+    #[cfg(feature = "fbx")]
     pub(super) fn coordinates(&self, number: usize) -> Result<Vec<[f32; 2]>, Fault> {
         self.floats(number, &TEXCOORD, usize::MAX)
     }
@@ -201,6 +203,16 @@ impl<'a> Accessors<'a> {
             return Ok(all.into_iter().map(|[r, g, b]| [r, g, b, 1.0]).collect());
         }
         self.floats(number, &COLOUR, usize::MAX)
+    }
+
+    /// The floats of an accessor of vectors, one after another, and how many make one; not kept.
+    pub(super) fn numbers(&self, number: usize) -> Result<(Vec<f32>, usize), Fault> {
+        let usage = |shape: &'static str| Usage { shape, ..INVERSE_BIND };
+        Ok(match self.get(number)?.shape.as_str() {
+            "VEC2" => (self.floats::<2>(number, &usage("VEC2"), usize::MAX)?.into_flattened(), 2),
+            "VEC3" => (self.floats::<3>(number, &usage("VEC3"), usize::MAX)?.into_flattened(), 3),
+            _ => (self.floats::<4>(number, &usage("VEC4"), usize::MAX)?.into_flattened(), 4),
+        })
     }
 
     /// Whether an accessor has floats that are not finite; not where it cannot be read.

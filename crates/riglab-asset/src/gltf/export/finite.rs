@@ -1,5 +1,5 @@
 //! Numbers that are not finite (NaN or infinity) in what a rig has no part in: normals, tangents, texture coordinates,
-//! morph targets and motions.
+//! colours, morph targets and motions.
 //!
 //! glTF allows none, and programs show black surfaces or nothing for them. Of positions, skins and weights the importer
 //! takes none. Where all are finite, nothing is changed, and what cannot be read stays as it is.
@@ -12,7 +12,7 @@ use super::super::accessor::Accessors;
 use super::super::buffers::Buffers;
 use super::super::document::{Document, Primitive};
 use super::animations;
-use super::draft::{ARRAY, Draft, F32, VEC2, index, remove};
+use super::draft::{ARRAY, Draft, F32, VEC2, VEC4, index, remove};
 use crate::budget::Budget;
 use crate::{ExportNote, rigging, triangles};
 
@@ -21,6 +21,7 @@ use crate::{ExportNote, rigging, triangles};
 struct Mended {
     normals: usize,
     coordinates: usize,
+    colours: usize,
     offsets: usize,
     tangents: usize,
     channels: usize,
@@ -40,10 +41,21 @@ pub(super) fn mend(draft: &mut Draft, document: &Document, base: &[u8], notes: &
     let mended = mender.mended;
     let any = mended != Mended::default();
     if any {
-        let Mended { normals, coordinates, offsets, tangents, channels } = mended;
-        notes.push(ExportNote::NotFinite { normals, coordinates, offsets, tangents, channels });
+        let Mended { normals, coordinates, colours, offsets, tangents, channels } = mended;
+        notes.push(ExportNote::NotFinite { normals, coordinates, colours, offsets, tangents, channels });
     }
     any || !draft.binary.is_empty()
+}
+
+/// What an accessor is used as.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Use {
+    /// Normals at the positions of another.
+    Normals(Option<usize>),
+    Coordinates,
+    Colours,
+    /// What morph targets add.
+    Offsets,
 }
 
 struct Mender<'a> {
@@ -51,8 +63,8 @@ struct Mender<'a> {
     accessors: Accessors<'a>,
     /// Which accessors have such numbers.
     known: HashMap<usize, bool>,
-    /// New accessors, by the old one and that of positions: primitives share them.
-    done: HashMap<(usize, Option<usize>), usize>,
+    /// New accessors, by the old one and its use: primitives share them.
+    done: HashMap<(usize, Use), usize>,
     mended: Mended,
 }
 
@@ -64,23 +76,20 @@ impl Mender<'_> {
 
     fn primitive(&mut self, draft: &mut Draft, (mesh, number): (usize, usize), primitive: &Primitive) {
         for (name, &accessor) in &primitive.attributes {
-            let known = ["NORMAL", "TANGENT"].contains(&name.as_str()) || name.starts_with("TEXCOORD_");
-            if !known || !self.is_broken(accessor) {
+            let used = match name.as_str() {
+                "NORMAL" => Some(Use::Normals(primitive.attributes.get("POSITION").copied())),
+                "TANGENT" => None,
+                _ if name.starts_with("TEXCOORD_") => Some(Use::Coordinates),
+                _ if name.starts_with("COLOR_") => Some(Use::Colours),
+                _ => continue,
+            };
+            if !self.is_broken(accessor) {
                 continue;
             }
-            let position = primitive.attributes.get("POSITION").copied().filter(|_| name == "NORMAL");
-            let new = match (name.as_str(), self.done.get(&(accessor, position))) {
-                ("TANGENT", _) => None,
-                (_, Some(&new)) => Some(new),
-                ("NORMAL", None) => self.normals(draft, accessor, position),
-                _ => self.coordinates(draft, accessor),
-            };
+            let new = used.and_then(|used| self.anew(draft, accessor, used));
             let attributes = &mut draft.list_mut("meshes")[mesh]["primitives"][number]["attributes"];
             match new {
-                Some(new) => {
-                    self.done.insert((accessor, position), new);
-                    attributes[name] = json!(new);
-                }
+                Some(new) => attributes[name] = json!(new),
                 // Programs make them of normals and coordinates.
                 None if name == "TANGENT" => {
                     remove(attributes, name);
@@ -95,12 +104,23 @@ impl Mender<'_> {
             let own = draft.list("meshes")[mesh]["primitives"][number]["targets"][target].clone();
             for (name, accessor) in own.as_object().into_iter().flatten() {
                 let Some(accessor) = index(accessor).filter(|accessor| self.is_broken(*accessor)) else { continue };
-                let new = self.done.get(&(accessor, None)).copied();
-                let Some(new) = new.or_else(|| self.offsets(draft, accessor)) else { continue };
-                self.done.insert((accessor, None), new);
+                let Some(new) = self.anew(draft, accessor, Use::Offsets) else { continue };
                 draft.list_mut("meshes")[mesh]["primitives"][number]["targets"][target][name] = json!(new);
             }
         }
+    }
+
+    /// The accessor to be used instead of one that is broken; `None` where that cannot be read.
+    fn anew(&mut self, draft: &mut Draft, accessor: usize, used: Use) -> Option<usize> {
+        if let Some(&known) = self.done.get(&(accessor, used)) {
+            return Some(known);
+        }
+        let new = match used {
+            Use::Normals(position) => self.normals(draft, accessor, position),
+            _ => self.vectors(draft, accessor, used),
+        }?;
+        self.done.insert((accessor, used), new);
+        Some(new)
     }
 
     /// Takes from morph targets what they add to tangents that are no more. One that has nothing else moves nothing, which
@@ -149,26 +169,25 @@ impl Mender<'_> {
         Some(draft.vectors(&own, false, Some(ARRAY)))
     }
 
-    fn coordinates(&mut self, draft: &mut Draft, accessor: usize) -> Option<usize> {
-        let mut own = self.accessors.coordinates(accessor).ok()?;
-        self.mended.coordinates += zero(&mut own);
-        let bytes: Vec<u8> = own.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
-        Some(draft.accessor(&bytes, VEC2, Some(ARRAY)))
+    /// Those that are not finite become 0, of colours white.
+    fn vectors(&mut self, draft: &mut Draft, accessor: usize, used: Use) -> Option<usize> {
+        let (mut own, wide) = self.accessors.numbers(accessor).ok()?;
+        let (instead, count) = match used {
+            Use::Colours => (1.0, &mut self.mended.colours),
+            Use::Offsets => (0.0, &mut self.mended.offsets),
+            Use::Coordinates | Use::Normals(_) => (0.0, &mut self.mended.coordinates),
+        };
+        for own in own.chunks_exact_mut(wide).filter(|own| !is_finite(own)) {
+            own.fill(instead);
+            *count += 1;
+        }
+        if wide == 3 {
+            // Those of positions have bounds, which do no harm to others.
+            return Some(draft.vectors(own.as_chunks().0, used == Use::Offsets, Some(ARRAY)));
+        }
+        let bytes: Vec<u8> = own.iter().flat_map(|x| x.to_le_bytes()).collect();
+        Some(draft.accessor(&bytes, if wide == 2 { VEC2 } else { VEC4 }, Some(ARRAY)))
     }
-
-    /// What morph targets add.
-    fn offsets(&mut self, draft: &mut Draft, accessor: usize) -> Option<usize> {
-        let mut own = self.accessors.directions(accessor).ok()?;
-        self.mended.offsets += zero(&mut own);
-        // Those of positions have bounds, which do no harm to others.
-        Some(draft.vectors(&own, true, Some(ARRAY)))
-    }
-}
-
-/// Makes what is not finite 0; gives how many elements.
-fn zero<const N: usize>(all: &mut [[f32; N]]) -> usize {
-    let broken = all.iter_mut().filter(|own| !is_finite(&own[..]));
-    broken.map(|own| *own = [0.0; N]).count()
 }
 
 fn is_finite(numbers: &[f32]) -> bool {
