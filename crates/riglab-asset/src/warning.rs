@@ -334,12 +334,16 @@ impl Warning {
                 );
                 write!(
                     f,
-                    "{are} not looked at; what is written of a glTF's own document has them still, moving with the surface of \
-                     their mesh"
+                    "{are} not looked at; what is written of a glTF's own document has them still, moving with the surface near \
+                     them"
                 )?;
                 match still.is_empty() {
                     true => Ok(()),
-                    false => write!(f, ", but for what has none, which stays where it is: {}", Some3(&told(still))),
+                    false => write!(
+                        f,
+                        ", but for what no skin binds and no surface is beside, which stays where it is: {}",
+                        Some3(&told(still))
+                    ),
                 }
             }
             Self::Degenerate { collapsed, repeated } => {

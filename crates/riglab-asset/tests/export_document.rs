@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{INDICES, POSITION, Tiny, renamed};
+use common::{INDICES, JOINTS, POSITION, Tiny, WEIGHTS, renamed};
 use riglab_asset::export::{self, ExportNote, ExportOptions, Exported, Influences, JointFrames};
 use riglab_asset::{ImportOptions, Imported, Warning, import, import_bytes};
 use riglab_core::{HumanBone, Humanoid, JointId, Rig, SkinWeights};
@@ -267,6 +267,43 @@ fn lines_go_with_the_mesh_they_are_on() {
         view(&after, &accessor["bufferView"]).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
     assert_eq!(shares[12..14], [0.75, 0.25]);
     assert_eq!(read(&exported.bytes).warnings(), [Warning::NoSurface { primitives: 1, still: Vec::new() }]);
+}
+
+#[test]
+fn lines_without_a_surface_stand_where_their_skin_has_them() {
+    let attributes = json!({"POSITION": POSITION, "JOINTS_0": JOINTS, "WEIGHTS_0": WEIGHTS});
+    let bytes = Tiny::new()
+        .with("/nodes/-", json!({"name": "armature", "scale": [0.5, 0.5, 0.5], "children": [1]}))
+        .with("/nodes/-", json!({"name": "lines", "mesh": 1, "skin": 0, "translation": [9, 0, 0]}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": attributes, "mode": 1}]}))
+        .glb();
+    let body = read(&bytes).rig().unwrap().bounds().max;
+    assert_eq!(body, [0.5, 1.25, 0.5]);
+    let lines = |exported: &Exported| {
+        let after = parts(&exported.bytes);
+        let node = after.0["nodes"].as_array().unwrap().iter().find(|node| node["name"] == "lines").unwrap().clone();
+        let attributes =
+            after.0["meshes"][node["mesh"].as_u64().unwrap() as usize]["primitives"][0]["attributes"].clone();
+        let position = &after.0["accessors"][attributes["POSITION"].as_u64().unwrap() as usize];
+        assert_eq!(position["max"], json!(body), "{node}");
+        (node, attributes, after)
+    };
+    let bare = strip(&bytes);
+    let (node, attributes, _) = lines(&bare);
+    assert!(["translation", "skin"].iter().all(|key| node.get(key).is_none()) && attributes.get("WEIGHTS_0").is_none());
+    // What stands so already stays as it is.
+    let again = Tiny::new()
+        .with("/nodes/-", json!({"name": "lines", "mesh": 1, "skin": 0}))
+        .with("/meshes/-", json!({"primitives": [{"attributes": {"POSITION": POSITION, "JOINTS_0": JOINTS, "WEIGHTS_0": WEIGHTS}, "mode": 1}]}));
+    let after = parts(&strip(&again.glb()).bytes).0;
+    assert_eq!(after["meshes"][0]["primitives"][0]["attributes"], after["meshes"][1]["primitives"][0]["attributes"]);
+    // With another rig they go with the surface near them.
+    let (node, attributes, after) = lines(&onto(&bytes, renamed, ExportOptions::default()));
+    let weights = &after.0["accessors"][attributes["WEIGHTS_0"].as_u64().unwrap() as usize];
+    let shares: Vec<f32> =
+        view(&after, &weights["bufferView"]).as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    assert_eq!((&shares[..2], &shares[12..14]), (&[1.0, 0.0][..], &[0.75, 0.25][..]));
+    assert_eq!(after.0["skins"][node["skin"].as_u64().unwrap() as usize]["joints"].as_array().unwrap().len(), 2);
 }
 
 #[test]

@@ -53,7 +53,7 @@ impl Scene<'_, '_> {
         apart: &Apart,
         warnings: &mut Vec<Warning>,
     ) -> Result<(Vec<VertexSet>, Vec<Part>, LeftOut), Fault> {
-        let Sources { sets: sources, parts: stored, without_surface, bare } = sources;
+        let Sources { sets: sources, parts: stored, without_surface, bare, .. } = sources;
         let mut sets = Vec::with_capacity(sources.len());
         // The new number of each set that stays.
         let mut kept: HashMap<usize, usize> = HashMap::new();

@@ -35,6 +35,8 @@ pub(super) struct Sources {
     pub(super) without_surface: usize,
     /// The nodes without a skin that hold such primitives alone.
     pub(super) bare: Vec<usize>,
+    /// The nodes with a skin that hold such primitives alone, of which one at least has weights; with the skin.
+    pub(super) bound: Vec<(usize, usize)>,
 }
 
 /// Vertices that primitives of one node share.
@@ -138,8 +140,14 @@ pub(super) fn collect(
             }
         }
         let sources = &mut collector.sources;
-        if node.skin.is_none() && !primitives.is_empty() && sources.without_surface - before == primitives.len() {
-            sources.bare.push(number);
+        if !primitives.is_empty() && sources.without_surface - before == primitives.len() {
+            match node.skin {
+                None => sources.bare.push(number),
+                Some(skin) if primitives.iter().any(|own| own.attributes.contains_key("WEIGHTS_0")) => {
+                    sources.bound.push((number, skin));
+                }
+                Some(_) => {}
+            }
         }
     }
     let Collector { sources, dropped: (collapsed, repeated), .. } = collector;

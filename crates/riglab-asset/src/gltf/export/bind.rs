@@ -206,13 +206,19 @@ impl Binder<'_, '_> {
                 }
                 (cut, lost) = (cut + rows.cut, lost.max(rows.lost));
             }
-            self.others(rig, mesh, &surfaces)?;
-            self.draft.list_mut("nodes")[node]["skin"] = json!(skin);
-            match scene.leaves(node) {
-                Leaves::Nothing => {}
-                Leaves::OwnTransform => place::in_place(self.draft, &scene.nodes, node, &mut moved),
-                Leaves::ForTop => place::to_top(self.draft, &scene.nodes, node, &mut moved),
-            }
+            let first = surfaces[0];
+            let as_stored = place::stands(first, &rig.mesh().positions()[first.vertices.clone()], |p| p);
+            let map = if as_stored { DAffine3::IDENTITY } else { first.map };
+            let vertices: Vec<usize> = surfaces.iter().flat_map(|s| s.vertices.clone()).collect();
+            let known = surfaces.iter().flat_map(|s| &s.primitives).copied().collect();
+            self.others(rig, mesh, &known, map, &vertices)?;
+            self.bind(node, skin, &mut moved);
+        }
+        let all: Vec<usize> = (0..rig.mesh().positions().len()).collect();
+        for bound in &scene.bound {
+            let Some(mesh) = meshes.own(self.draft, bound.node) else { continue };
+            self.others(rig, mesh, &BTreeSet::new(), bound.map, &all)?;
+            self.bind(bound.node, skin, &mut moved);
         }
         self.tell_cut(cut, lost);
         if mirrored > 0 {
@@ -255,15 +261,29 @@ impl Binder<'_, '_> {
         rows
     }
 
-    /// Lines, points and empty primitives of a mesh that is bound now: each of their vertices goes with the
-    /// nearest of the mesh.
-    fn others(&mut self, rig: &Rig, mesh: usize, surfaces: &[&Surface]) -> Result<(), Fault> {
+    /// Gives the node of a mesh the new skin.
+    fn bind(&mut self, node: usize, skin: usize, moved: &mut Moved) {
+        self.draft.list_mut("nodes")[node]["skin"] = json!(skin);
+        match self.scene.leaves(node) {
+            Leaves::Nothing => {}
+            Leaves::OwnTransform => place::in_place(self.draft, &self.scene.nodes, node, moved),
+            Leaves::ForTop => place::to_top(self.draft, &self.scene.nodes, node, moved),
+        }
+    }
+
+    /// Lines, points and empty primitives of a mesh that is bound now, all but those `known`: each of their vertices, which
+    /// `map` takes into the scene, goes with the nearest of some `vertices` of the rig.
+    fn others(
+        &mut self,
+        rig: &Rig,
+        mesh: usize,
+        known: &BTreeSet<usize>,
+        map: DAffine3,
+        vertices: &[usize],
+    ) -> Result<(), Fault> {
         let primitives = self.draft.list("meshes")[mesh]["primitives"].as_array().map_or(0, Vec::len);
-        let first = surfaces[0];
-        let as_stored = place::stands(first, &rig.mesh().positions()[first.vertices.clone()], |p| p);
-        let map = if as_stored { DAffine3::IDENTITY } else { first.map };
         let mut baker = Baker::new(self.accessors, map);
-        for primitive in (0..primitives).filter(|p| !surfaces.iter().any(|s| s.primitives.contains(p))) {
+        for primitive in (0..primitives).filter(|p| !known.contains(p)) {
             let position = &self.draft.list("meshes")[mesh]["primitives"][primitive]["attributes"]["POSITION"];
             let Some(position) = index(position) else { continue };
             self.accessors.check(position, || format!("mesh {mesh}, primitive {primitive}"))?;
@@ -273,10 +293,9 @@ impl Binder<'_, '_> {
                 .iter()
                 .map(|p| map.transform_point3(glam::Vec3::from(*p).as_dvec3()).as_vec3().to_array())
                 .collect();
-            if !as_stored {
+            if map != DAffine3::IDENTITY {
                 baker.primitive(self.draft, (mesh, primitive), None)?;
             }
-            let vertices: Vec<usize> = surfaces.iter().flat_map(|s| s.vertices.clone()).collect();
             let mut all: Vec<[f32; 3]> = vertices.iter().map(|&v| rig.mesh().positions()[v]).collect();
             let start = all.len() as u32;
             all.extend(own);

@@ -86,7 +86,8 @@ pub(crate) fn strip(bytes: &[u8], folder: Option<&Path>, reading: &Reading) -> R
     edit(bytes, folder, |draft, source, notes| {
         let mut scene = Scene::new(&source, reading, None)?.ok_or(ExportFault::OtherSource)?;
         let shown = glam::DAffine3::from_translation(glam::Vec3::from(reading.shown_off).as_dvec3());
-        scene.surfaces.iter_mut().for_each(|surface| surface.map = shown * surface.map);
+        let maps = scene.surfaces.iter_mut().map(|surface| &mut surface.map);
+        maps.chain(scene.bound.iter_mut().map(|bound| &mut bound.map)).for_each(|map| *map = shown * *map);
         strip::strip(draft, source.accessors, &scene, reading, notes)?;
         tell_size(reading, notes);
         Ok(())

@@ -70,6 +70,13 @@ pub(super) enum Leaves {
     ForTop,
 }
 
+/// A node with a skin whose mesh has no surface, but lines or points that the skin moves.
+pub(super) struct Bound {
+    pub(super) node: usize,
+    /// From the mesh to the scene.
+    pub(super) map: DAffine3,
+}
+
 /// A document, looked at as the importer does.
 pub(super) struct Scene {
     pub(super) nodes: Nodes,
@@ -86,6 +93,8 @@ pub(super) struct Scene {
     pub(super) bound_by: HashMap<usize, (usize, usize)>,
     /// In the order of the rig's vertices.
     pub(super) surfaces: Vec<Surface>,
+    /// Those that the skeletons of the reading move, nodes rising.
+    pub(super) bound: Vec<Bound>,
 }
 
 /// A rig on the joints of the reading.
@@ -188,11 +197,17 @@ impl Scene {
                 lacks,
             });
         }
+        let own: HashSet<usize> = reading.joints.iter().map(|joint| joint.node).collect();
+        let bound = sources.bound.iter().filter_map(|&(node, skin)| {
+            let moved = skins.get(skin)?.joints.iter().any(|joint| own.contains(joint));
+            Some(Bound { node, map: *binds.maps(skin).first().filter(|_| moved)? })
+        });
+        let bound = bound.collect();
         let is_joint = (0..nodes.len()).map(|node| skins.joint_of_node(node).is_some()).collect();
         let rests = binds.rests(&nodes);
         let inverse_binds = skins.iter().filter(|_| same.is_some()).map(|skin| skin.inverse_binds.clone()).collect();
         let skins = skins.iter().map(|skin| skin.joints.clone()).collect();
-        Ok(Some(Self { nodes, rests, is_joint, skins, inverse_binds, bound_by, surfaces }))
+        Ok(Some(Self { nodes, rests, is_joint, skins, inverse_binds, bound_by, surfaces, bound }))
     }
 
     /// What becomes of the node of a mesh that takes a skin: what a joint carries goes with the joint, and what mirrors a node

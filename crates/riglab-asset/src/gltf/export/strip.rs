@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use glam::DAffine3;
+
 use super::super::accessor::Accessors;
 use super::bake::Baker;
 use super::bind::by_node;
@@ -63,6 +65,18 @@ pub(super) fn strip(
             }
         }
         place::to_top(draft, &scene.nodes, node, &mut moved);
+    }
+    for bound in &scene.bound {
+        if bound.map == *scene.nodes.global(bound.node) && !scene.below_joint(bound.node) {
+            continue;
+        }
+        let Some(mesh) = meshes.own(draft, bound.node) else { continue };
+        if bound.map != DAffine3::IDENTITY {
+            let primitives = draft.list("meshes")[mesh]["primitives"].as_array().map_or(0, Vec::len);
+            let mut baker = Baker::new(accessors, bound.map);
+            (0..primitives).try_for_each(|primitive| baker.primitive(draft, (mesh, primitive), None))?;
+        }
+        place::to_top(draft, &scene.nodes, bound.node, &mut moved);
     }
     if turned > 0 {
         notes.push(ExportNote::TrianglesTurned { surfaces: turned });
