@@ -8,8 +8,8 @@ use std::str::FromStr;
 use riglab_core::{Clip, Humanoid, JointId, SkinWeights, Springs};
 
 use crate::influences::Repairs;
-use crate::reading::Posed;
-use crate::{Binding, Body, Fault, Reading, Warning};
+use crate::reading::{Posed, Told};
+use crate::{Binding, Body, Fault, Part, ReadJoint, Reading, VertexSet, Warning};
 
 /// Which of the characters of a file is read. What belongs together is told by
 /// [`crate::ReadJoint::skeleton`].
@@ -51,13 +51,21 @@ impl Reading {
 
     /// Leaves one character: its joints, what is bound to them, and what moves them.
     pub(crate) fn keep(&mut self, wanted: &Character) -> Result<(), Fault> {
+        *self = self.only(wanted)?;
+        Ok(())
+    }
+
+    /// One character alone. What it takes of time and memory is its own, however many there are beside it, but for a number for
+    /// each joint and mesh.
+    pub(crate) fn only(&self, wanted: &Character) -> Result<Self, Fault> {
+        let skeletons = self.skeletons();
         let skeleton = match wanted {
             Character::Number(number) => Some(*number),
             Character::Root(name) => {
                 self.joints.iter().find(|j| j.parent.is_none() && j.name == *name).map(|j| j.skeleton)
             }
         };
-        let Some(skeleton) = skeleton.filter(|s| *s < self.skeletons()) else {
+        let Some(skeleton) = skeleton.filter(|s| *s < skeletons) else {
             let found = self.characters().into_iter().map(String::from).collect();
             return Err(Fault::NoSuchCharacter { wanted: wanted.to_string(), found });
         };
@@ -73,38 +81,45 @@ impl Reading {
                 })
             })
             .collect();
-        let several = self.skeletons() > 1;
         let stays = |joint: JointId| number[joint.index()].map(JointId);
-        let gone: HashSet<usize> = self.joints.iter().filter(|j| j.skeleton != skeleton).map(|j| j.node).collect();
-        self.joints.retain(|j| j.skeleton == skeleton);
-        for joint in &mut self.joints {
-            joint.skeleton = 0;
-            joint.parent = joint.parent.and_then(|p| number[p]).map(usize::from);
-        }
-        self.keep_sets(&number)?;
-        if several {
-            self.keep_warnings(skeleton, &number, &gone);
-        }
-        self.body = Body {
-            vrm: self.body.vrm,
-            humanoid: humanoid(&self.body.humanoid, stays),
-            springs: springs(&self.body.springs, stays),
+        let parent = |joint: &ReadJoint| joint.parent.and_then(|p| number[p]).map(usize::from);
+        let own = self.joints.iter().filter(|j| j.skeleton == skeleton);
+        let joints = own.map(|j| ReadJoint { skeleton: 0, parent: parent(j), ..j.clone() }).collect();
+        let (vertex_sets, parts) = self.sets_of(&number)?;
+        let mut one = Self {
+            joints,
+            vertex_sets,
+            parts,
+            body: Body {
+                vrm: self.body.vrm,
+                humanoid: humanoid(&self.body.humanoid, stays),
+                springs: springs(&self.body.springs, stays),
+            },
+            clips: self.clips.iter().map(|clip| of_joints(clip, &number)).collect::<Result<_, _>>()?,
+            origin: self.origin,
+            shown_off: self.shown_off,
+            up: self.up,
+            faces_back: self.faces_back,
+            shaped: self.shaped.clone(),
+            told: Told::default(),
+            warnings: Vec::new(),
         };
-        self.clips = self.clips.iter().map(|clip| of_joints(clip, &number)).collect::<Result<_, _>>()?;
-        Ok(())
+        match skeletons {
+            0 | 1 => (one.told, one.warnings) = (self.told.clone(), self.warnings.clone()),
+            _ => one.warnings = self.warnings_of(&one, skeleton, &number),
+        }
+        Ok(one)
     }
 
-    /// Leaves what warnings say of the skeleton that is left, one of several; what is said of no part of it is said of none.
-    /// `gone` are the nodes of the other skeletons' joints.
-    fn keep_warnings(&mut self, skeleton: usize, number: &[Option<u16>], gone: &HashSet<usize>) {
-        let told = std::mem::take(&mut self.told);
-        let skins: Vec<_> = told.skins.iter().filter(|skin| skin.skeleton == skeleton).collect();
+    /// What warnings say of `one`, a skeleton of several; what is said of no part of it is said of none.
+    fn warnings_of(&self, one: &Self, skeleton: usize, number: &[Option<u16>]) -> Vec<Warning> {
+        let skins: Vec<_> = self.told.skins.iter().filter(|skin| skin.skeleton == skeleton).collect();
         let held = |joint: Option<u16>| joint.is_some_and(|joint| number[usize::from(joint)].is_some());
         let left_out: HashSet<usize> =
-            told.left_out.iter().filter(|(_, joint)| held(*joint)).map(|(node, _)| *node).collect();
-        let names: HashSet<&str> = self.joints.iter().map(|joint| joint.name.as_str()).collect();
+            self.told.left_out.iter().filter(|(_, joint)| held(*joint)).map(|(node, _)| *node).collect();
+        let names: HashSet<&str> = one.joints.iter().map(|joint| joint.name.as_str()).collect();
         let mut repairs = Repairs::default();
-        self.vertex_sets.iter().for_each(|set| repairs.add(&set.repairs));
+        one.vertex_sets.iter().for_each(|set| repairs.add(&set.repairs));
         let mut mended = Vec::new();
         repairs.warn(&mut mended);
         let own = |warning: Warning| match warning {
@@ -135,7 +150,9 @@ impl Reading {
             }
             // A node that is no joint may be above any.
             Warning::ZeroScale { mut nodes } => {
-                nodes.retain(|node| !gone.contains(&node.number));
+                let others = self.joints.iter().filter(|joint| joint.skeleton != skeleton);
+                let others: HashSet<usize> = others.map(|joint| joint.node).collect();
+                nodes.retain(|node| !others.contains(&node.number));
                 (!nodes.is_empty()).then_some(Warning::ZeroScale { nodes })
             }
             Warning::LeftOut { mut nodes } => {
@@ -144,36 +161,35 @@ impl Reading {
             }
             other => Some(other),
         };
-        self.warnings = std::mem::take(&mut self.warnings).into_iter().filter_map(own).collect();
+        self.warnings.iter().cloned().filter_map(own).collect()
     }
 
-    /// Leaves the vertices that hang on joints which stay.
-    fn keep_sets(&mut self, number: &[Option<u16>]) -> Result<(), Fault> {
-        let mut kept = Vec::with_capacity(self.vertex_sets.len());
+    /// The vertices that hang on joints which stay, and the parts over them.
+    fn sets_of(&self, number: &[Option<u16>]) -> Result<(Vec<VertexSet>, Vec<Part>), Fault> {
+        let mut kept = Vec::new();
         let mut place = Vec::with_capacity(self.vertex_sets.len());
-        for mut set in std::mem::take(&mut self.vertex_sets) {
+        for set in &self.vertex_sets {
             // A skin binds to one skeleton, so any weight tells.
             let first = set.weights.as_ref().and_then(|w| w.joints().first().copied());
-            let stays = first.is_some_and(|joint| number[usize::from(joint)].is_some());
-            place.push(stays.then_some(kept.len()));
-            if !stays || set.binding == Binding::Free {
-                continue;
-            }
-            if let Some(old) = &set.weights {
-                let joints = old.joints().iter().map(|j| number[usize::from(*j)].unwrap_or_default()).collect();
-                set.weights = Some(SkinWeights::new(old.offsets().to_vec(), joints, old.weights().to_vec())?);
-            }
-            kept.push(set);
+            let own = first.is_some_and(|joint| number[usize::from(joint)].is_some());
+            let weights = set.weights.as_ref().filter(|_| own && set.binding != Binding::Free);
+            place.push(weights.map(|_| kept.len()));
+            let Some(old) = weights else { continue };
+            let joints = old.joints().iter().map(|j| number[usize::from(*j)].unwrap_or_default()).collect();
+            kept.push(VertexSet {
+                numbers: set.numbers.clone(),
+                positions: set.positions.clone(),
+                weights: Some(SkinWeights::new(old.offsets().to_vec(), joints, old.weights().to_vec())?),
+                unweighted: set.unweighted.clone(),
+                repairs: set.repairs.clone(),
+                stored: set.stored,
+                binding: set.binding,
+            });
         }
-        self.vertex_sets = kept;
-        self.parts.retain_mut(|part| match place[part.vertex_set] {
-            Some(set) => {
-                part.vertex_set = set;
-                true
-            }
-            None => false,
-        });
-        Ok(())
+        let own = |part: &Part| Some(Part { vertex_set: place[part.vertex_set]?, ..part.clone() });
+        // Nothing is copied of what goes.
+        let parts = self.parts.iter().filter(|part| place[part.vertex_set].is_some()).filter_map(own).collect();
+        Ok((kept, parts))
     }
 }
 
@@ -213,8 +229,8 @@ fn springs(all: &Springs, stays: impl Fn(JointId) -> Option<JointId>) -> Springs
 }
 
 fn of_joints(clip: &Clip, number: &[Option<u16>]) -> Result<Clip, riglab_core::RigError> {
+    let joints: Vec<usize> = number.iter().enumerate().filter(|(_, n)| n.is_some()).map(|(joint, _)| joint).collect();
     let frames = clip.maps().chunks(clip.joints());
-    let own = frames.flat_map(|maps| maps.iter().zip(number).filter(|(_, n)| n.is_some()).map(|(map, _)| *map));
-    let joints = number.iter().flatten().count();
-    Clip::new(clip.name().to_owned(), clip.rate(), joints, own.collect())
+    let own = frames.flat_map(|maps| joints.iter().map(|&joint| maps[joint]));
+    Clip::new(clip.name().to_owned(), clip.rate(), joints.len(), own.collect())
 }

@@ -288,19 +288,21 @@ fn each_character(
     options: &ImportOptions,
     each: &mut dyn FnMut(Result<Imported, ImportError>) -> ControlFlow<()>,
 ) {
-    let whole = import_from(path, bytes, folder, options);
-    let roots: Vec<String> = match &whole {
-        Ok(imported) if options.split => imported.reading.characters().into_iter().map(String::from).collect(),
-        _ => Vec::new(),
+    let (file, reading) = match read_from(path, bytes, folder, options) {
+        Ok(read) => read,
+        Err(e) => {
+            let _ = each(Err(e));
+            return;
+        }
     };
+    let roots = if options.split { reading.characters() } else { Vec::new() };
     if roots.len() < 2 {
-        let _ = each(whole);
+        let _ = each(file.imported(reading, options));
         return;
     }
-    drop(whole);
     for (number, root) in roots.iter().enumerate() {
-        let options = ImportOptions { character: Some(Character::Number(number)), ..options.clone() };
-        let one = import_from(path, bytes, folder, &options).map(|imported| Imported {
+        let one = reading.only(&Character::Number(number)).map_err(|fault| file.fail(fault));
+        let one = one.and_then(|one| file.imported(one, options)).map(|imported| Imported {
             name: format!("{}-{root}", imported.name),
             parted: true,
             ..imported
@@ -470,6 +472,17 @@ fn import_from(
     folder: Option<&Path>,
     options: &ImportOptions,
 ) -> Result<Imported, ImportError> {
+    let (file, reading) = read_from(path, bytes, folder, options)?;
+    file.imported(reading, options)
+}
+
+/// What a file says, as one asset or of one of its characters.
+fn read_from(
+    path: &Path,
+    bytes: &[u8],
+    folder: Option<&Path>,
+    options: &ImportOptions,
+) -> Result<(ReadFile, Reading), ImportError> {
     let source = path.to_string_lossy();
     let fail = |fault| ImportError::new(&source, fault);
     let format = Format::of(path, bytes).map_err(fail)?;
@@ -480,17 +493,38 @@ fn import_from(
     if let Some(character) = &options.character {
         reading.keep(character).map_err(fail)?;
     }
-    let (content, clips) = assemble::content(&mut reading, options).map_err(fail)?;
-    let provenance = Provenance {
-        source: source.into_owned(),
-        checksum: blake3::hash(bytes).to_hex().to_string(),
-        notes: origin.notes.into_iter().chain(reading.warnings.iter().map(Warning::to_string)).collect(),
-        licence: origin.licence,
-        author: origin.author,
-        category: String::new(),
-    };
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Ok(Imported { name, content, clips, provenance, reading, parted: false })
+    let checksum = blake3::hash(bytes).to_hex().to_string();
+    Ok((ReadFile { name, source: source.into_owned(), checksum, origin }, reading))
+}
+
+/// What is the same of all that a file is read as.
+struct ReadFile {
+    name: String,
+    source: String,
+    checksum: String,
+    origin: Rights,
+}
+
+impl ReadFile {
+    fn fail(&self, fault: Fault) -> ImportError {
+        ImportError::new(&self.source, fault)
+    }
+
+    /// What comes of a reading.
+    fn imported(&self, mut reading: Reading, options: &ImportOptions) -> Result<Imported, ImportError> {
+        let (content, clips) = assemble::content(&mut reading, options).map_err(|fault| self.fail(fault))?;
+        let Rights { licence, author, notes } = self.origin.clone();
+        let provenance = Provenance {
+            source: self.source.clone(),
+            checksum: self.checksum.clone(),
+            notes: notes.into_iter().chain(reading.warnings.iter().map(Warning::to_string)).collect(),
+            licence,
+            author,
+            category: String::new(),
+        };
+        Ok(Imported { name: self.name.clone(), content, clips, provenance, reading, parted: false })
+    }
 }
 
 /// What a file says of its rights; empty where it says nothing.

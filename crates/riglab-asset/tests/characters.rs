@@ -5,7 +5,9 @@ mod common;
 use std::ops::ControlFlow;
 
 use common::{INDICES, INVERSE_BIND, JOINTS, POSITION, Tiny, WEIGHTS};
-use riglab_asset::{Character, ImportOptions, Imported, NodeName, Resample, Warning, import_bytes, import_each};
+use riglab_asset::{
+    Character, ImportOptions, Imported, NodeName, Resample, Warning, import, import_bytes, import_each,
+};
 use serde_json::json;
 
 /// The tiny rig, and five units beside it another one of the same vertices, which has springs and moves.
@@ -144,6 +146,28 @@ fn a_file_can_be_split() {
             ControlFlow::Continue(())
         });
         assert_eq!(names, wanted);
+    }
+}
+
+#[test]
+fn those_of_a_file_that_is_split_are_as_each_is_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("two.glb");
+    for file in [two(), one_of_two_is_faulty()] {
+        std::fs::write(&path, file.glb()).unwrap();
+        let options = ImportOptions { split: true, clips: Some(Resample::default()), ..ImportOptions::default() };
+        let mut number = 0;
+        import_each(&path, &options, |split| {
+            let character = Some(Character::Number(number));
+            let alone = import(&path, &ImportOptions { character, split: false, ..options.clone() }).unwrap();
+            let split = split.unwrap();
+            assert!(split.parted && !alone.parted);
+            assert_eq!((&split.content, &split.clips), (&alone.content, &alone.clips));
+            assert_eq!((&split.provenance, split.warnings()), (&alone.provenance, alone.warnings()));
+            number += 1;
+            ControlFlow::Continue(())
+        });
+        assert_eq!(number, 2);
     }
 }
 
