@@ -294,7 +294,7 @@ fn conclude(plan: &Plan, folder: &Path, args: &Args, on: &str) -> Result<ExitCod
     }
     results.not_their_own().iter().for_each(|sentence| tell!("warning: {sentence}"));
     let reasons = results.outcomes.iter().filter(|o| !o.reason.is_empty());
-    let reasons: Vec<_> = reasons.map(|o| (format!("{}, seed {}", o.point, o.seed), o.reason.clone())).collect();
+    let reasons: Vec<_> = reasons.map(|o| (format!("{} (seed {})", o.point, o.seed), o.reason.clone())).collect();
     by_reason("failed: ", &reasons).0.iter().for_each(|line| tell!("{line}"));
     let failed = results.count("failed");
     if failed > 0 {
