@@ -192,13 +192,11 @@ impl RunView {
 
     /// The models that the run was made with: the key that names each, what stands there, and the begin of its checksum.
     fn companions(&self) -> Vec<(String, String, String)> {
-        let read = Config::from_toml_str("config.toml", &self.config);
-        let leaves = read.map(|config| config.leaves()).unwrap_or_default();
+        let Ok(config) = Config::from_toml_str("config.toml", &self.config) else { return Vec::new() };
         let word = |v: &Value| v.as_str().unwrap_or_default().to_owned();
         let of = |pair: &Value| {
             let key = word(&pair[0]);
-            let named = leaves.iter().find(|leaf| leaf.path == key)?;
-            let file = named.value.trim_matches(['"', '\'']).to_owned();
+            let file = config.get_at(&key).ok()?;
             Some((key, file, word(&pair[1]).chars().take(12).collect()))
         };
         self.info["companions"].as_array().into_iter().flatten().filter_map(of).collect()
@@ -481,12 +479,12 @@ mod tests {
         let mut info: Value = serde_json::from_str(INFO).unwrap();
         info["companions"] =
             json!([["start.model", "0123456789abcdef"], ["skin.run", "fedcba9876543210"], ["other", "0"]]);
-        let config = "[start]\nmodel = \"runs/a\"\n[skin]\nrun = \"\"\n";
+        let config = "[start]\nmodel = 'runs/\"a\"'\n[skin]\nrun = \"\"\n";
         let dir = folder(&[("config.toml", config), ("run.json", &info.to_string())]);
         let facts = RunView::read(dir.path()).unwrap().fact_list();
         let made: Vec<_> = facts.iter().filter(|(name, _)| name.contains('.')).map(|(n, v)| (&**n, &**v)).collect();
         let ours = "the model that comes with riglab (fedcba987654)";
-        assert_eq!(made, [("start.model", "runs/a (0123456789ab)"), ("skin.run", ours)]);
+        assert_eq!(made, [("start.model", "runs/\"a\" (0123456789ab)"), ("skin.run", ours)]);
         // Before the first line there is nothing to draw.
         let dir = folder(&[("config.toml", ""), ("run.json", INFO)]);
         assert!(matches!(RunView::read(dir.path()).unwrap().curves(), Block::Charts(c) if c.is_empty()));
